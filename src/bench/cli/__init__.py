@@ -1,0 +1,10 @@
+"""The command ``bench``: parse, load the configuration, call one function, map its error to an exit code."""
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Run the command line."""
+    from bench.cli.app import app
+
+    app()

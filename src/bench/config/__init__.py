@@ -1,0 +1,25 @@
+"""TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
+
+from bench.config.models import (
+    AnalysisConfig,
+    AnchorConfig,
+    CableConfig,
+    Config,
+    CycleConfig,
+    RobotConfig,
+    RunConfig,
+    SimulationConfig,
+    TrackerConfig,
+)
+
+__all__ = [
+    "AnalysisConfig",
+    "AnchorConfig",
+    "CableConfig",
+    "Config",
+    "CycleConfig",
+    "RobotConfig",
+    "RunConfig",
+    "SimulationConfig",
+    "TrackerConfig",
+]

@@ -1,0 +1,220 @@
+"""The configuration file as data. Keys carry their unit; every default carries its reason.
+
+``bench config schema`` prints the JSON schema of these models.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = [
+    "AnalysisConfig",
+    "AnchorConfig",
+    "CableConfig",
+    "Config",
+    "CycleConfig",
+    "RobotConfig",
+    "RunConfig",
+    "SimulationConfig",
+    "TrackerConfig",
+]
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+Register = Annotated[int, Field(ge=0, le=47)]
+ArcLengths = Annotated[tuple[Annotated[float, Field(ge=0, strict=True)], ...], Field(strict=False)]
+Point = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class Section(BaseModel):
+    """Base of every table: unknown keys are refused, numbers are not guessed from text."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class RunConfig(Section):
+    """What the run is called and where its file goes."""
+
+    name: Name = Field("run", description="Goes into file names.")
+    sample_id: str = Field("", max_length=200, description="Whatever identifies the cable under test.")
+    operator: str = Field("", max_length=200, description="Who is responsible for the test.")
+    output_dir: str = Field("runs", description="Folder of the run file when --output is left out.")
+
+
+class CycleConfig(Section):
+    """How the robot's program says which cycle it is in, and how it is allowed to begin one."""
+
+    source: Literal["counter"] = Field("counter", description="The program counts its cycles in an output register.")
+    counter_register: Register = Field(
+        24, alias="register", description="output_int_register: cycles completed since the program started."
+    )
+    running_register: Register = Field(25, description="output_int_register: 1 while on the path, 0 while waiting.")
+    grant_register: Register = Field(24, description="input_int_register: cycles the program may have begun.")
+    phase_register: Register | None = Field(
+        None, description="output_double_register: place on the path, 0 to 1, if the program writes it."
+    )
+    timeout_s: float = Field(
+        600.0, gt=0, le=86_400, description="Longest time for one cycle before the run gives up: 10 minutes."
+    )
+
+    @model_validator(mode="after")
+    def _registers_differ(self) -> CycleConfig:
+        if self.counter_register == self.running_register:
+            raise ValueError("register and running_register are both output_int_register: they must differ")
+        return self
+
+
+class RobotConfig(Section):
+    """The robot controller."""
+
+    kind: Literal["ur"] = Field("ur", description="Universal Robots: state by RTDE, program by the dashboard.")
+    host: str = Field(min_length=1, description="Address of the controller.")
+    program: str = Field(min_length=1, description="Program on the controller, such as bend_test.urp.")
+    rate_hz: float = Field(500.0, ge=1, le=500, description="State samples a second; CB3 controllers give 125.")
+    rtde_port: int = Field(30004, ge=1, le=65535, description="Port of the state stream.")
+    cycle: CycleConfig = Field(default_factory=CycleConfig)
+
+
+class TrackerConfig(Section):
+    """The optical tracker."""
+
+    kind: Literal["natnet"] = Field("natnet", description="OptiTrack Motive, NatNet unicast.")
+    host: str = Field(min_length=1, description="Address of the PC that runs Motive.")
+    command_port: int = Field(1510, ge=1, le=65535, description="NatNet command port.")
+    local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
+
+
+class AnchorConfig(Section):
+    """A known place on the cable, fixed in the lab or on a rigid body."""
+
+    kind: Literal["static_marker", "rigid_body", "none"] = Field(description="The paper's two cases, or no anchor.")
+    position_m: Point | None = Field(
+        None, description="Lab-frame position of the static marker; left out: found in the first frames."
+    )
+    name: str = Field("", description="Name of the rigid body, as in the tracker's software.")
+
+    @model_validator(mode="after")
+    def _fits_its_kind(self) -> AnchorConfig:
+        if self.kind == "rigid_body" and not self.name:
+            raise ValueError("kind = 'rigid_body' needs name = '…', the rigid body's name in the tracker's software")
+        if self.kind != "rigid_body" and self.name:
+            raise ValueError(f"name belongs to kind = 'rigid_body', not to '{self.kind}'")
+        if self.kind != "static_marker" and self.position_m is not None:
+            raise ValueError(f"position_m belongs to kind = 'static_marker', not to '{self.kind}'")
+        return self
+
+
+class CableConfig(Section):
+    """The cable, its markers and its catalogue limit."""
+
+    length_m: float = Field(gt=0, le=100, description="Length between the two clamps.")
+    diameter_mm: float = Field(gt=0, le=500, description="Outer diameter.")
+    marker_arc_length_m: ArcLengths | None = Field(
+        None, description="Arc length of each marker from the anchor, ascending."
+    )
+    marker_count: int | None = Field(None, ge=1, le=500, description="With marker_spacing_m: evenly spaced markers.")
+    marker_spacing_m: float | None = Field(
+        None, gt=0, le=10, description="Distance from the anchor to the first marker, and between markers."
+    )
+    stretch: float = Field(
+        0.02, ge=0, le=1, description="e1 / D of the paper: how much a distance may grow. 2 % covers placement errors."
+    )
+    axial_stiffness_n: float | None = Field(
+        None, gt=0, description="EA; with max_tension_n gives stretch by Hooke's law."
+    )
+    max_tension_n: float | None = Field(None, ge=0, description="Largest tension in the test.")
+    shorten: float = Field(
+        0.25, ge=0, lt=1, description="e2 / D of the paper: how much a chord may shorten. Soft cables reach 0.20-0.30."
+    )
+    minimum_bend_radius_mm: float = Field(gt=0, description="Catalogue limit: a smaller radius is outcome FAIL.")
+    anchor: AnchorConfig
+    end: AnchorConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")
+
+    @model_validator(mode="after")
+    def _markers_make_sense(self) -> CableConfig:
+        listed = self.marker_arc_length_m is not None
+        counted = self.marker_count is not None and self.marker_spacing_m is not None
+        if listed == counted or (listed and (self.marker_count is not None or self.marker_spacing_m is not None)):
+            raise ValueError("give either marker_arc_length_m, or marker_count and marker_spacing_m")
+        places = self.arc_length_m
+        if len(places) < 2:
+            raise ValueError(f"{len(places)} marker gives no curve: at least 2 are needed, 4 for a spline")
+        if any(b <= a for a, b in pairwise(places)):
+            raise ValueError("marker_arc_length_m must ascend from the anchor")
+        if places[-1] > self.length_m:
+            raise ValueError(f"the last marker is at {places[-1]:g} m, beyond the cable's length_m = {self.length_m:g}")
+        return self
+
+    @model_validator(mode="after")
+    def _hooke_needs_both(self) -> CableConfig:
+        if (self.axial_stiffness_n is None) != (self.max_tension_n is None):
+            raise ValueError("axial_stiffness_n and max_tension_n belong together (Hooke's law)")
+        return self
+
+    @property
+    def arc_length_m(self) -> tuple[float, ...]:
+        """Arc length of each marker from the anchor."""
+        if self.marker_arc_length_m is not None:
+            return self.marker_arc_length_m
+        spacing, count = self.marker_spacing_m or 0.0, self.marker_count or 0
+        return tuple(spacing * (i + 1) for i in range(count))
+
+    @property
+    def stretch_ratio(self) -> float:
+        """e1 / D: from Hooke's law where stiffness and tension are given, else `stretch`."""
+        if self.axial_stiffness_n is not None and self.max_tension_n is not None:
+            return self.max_tension_n / self.axial_stiffness_n
+        return self.stretch
+
+
+class AnalysisConfig(Section):
+    """Methods and limits of the report."""
+
+    sorting: Literal["auto", "paper"] = Field("auto", description="'paper': the greedy chain of the paper.")
+    curvature: Literal["auto", "spline"] = Field("auto", description="'spline': the paper's cubic spline.")
+    cycles: Literal["auto", "whole"] = Field(
+        "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."
+    )
+    marker_noise_mm: float = Field(
+        0.2, gt=0, le=50, description="Standard deviation of a marker's position; 0.12-0.74 mm measured on OptiTrack."
+    )
+    gate_tolerance_mm: float = Field(
+        0.0, ge=0, le=100, description="Added to both sides of every spacing gate: placement error of the markers."
+    )
+    arc_length_samples: int = Field(100, ge=4, le=2000, description="Places along the cable where curvature is given.")
+    slow_cycle_ratio: float = Field(
+        1.1, gt=1, le=10, description="A cycle longer than this times the median is 'slow'."
+    )
+
+
+class SimulationConfig(Section):
+    """The simulated bench. Its presence makes ``bench run`` start it; a real bench has no such table."""
+
+    seed: int = Field(1, ge=0, description="The same seed gives the same misses, ghosts and noise.")
+    cycle_s: float = Field(2.0, gt=0.1, le=3600, description="Duration of one pass along the path.")
+    tracker_rate_hz: float = Field(100.0, gt=0, le=1000, description="Exposures a second.")
+    noise_mm: float = Field(0.05, ge=0, le=10, description="Standard deviation of the markers' noise, per axis.")
+    miss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each marker to be hidden in a frame.")
+    ghost_count: int = Field(0, ge=0, le=50, description="Ghost markers in each frame.")
+    robot_clock_ppm: float = Field(
+        25.0, ge=-500, le=500, description="How much faster than host time the robot's clock runs."
+    )
+    tracker_clock_ppm: float = Field(-42.0, ge=-500, le=500, description="The same for the tracker's clock.")
+    bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
+    weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")
+    remote_control: bool = Field(
+        True, description="False: the controller is in local mode, as when its pendant is in use."
+    )
+
+
+class Config(Section):
+    """A whole configuration file."""
+
+    run: RunConfig = Field(default_factory=RunConfig)
+    robot: RobotConfig | None = None
+    tracker: TrackerConfig | None = None
+    cable: CableConfig
+    analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
+    simulation: SimulationConfig | None = None

@@ -1,0 +1,73 @@
+"""The roles a device can play for a run. Small Protocols; drivers push, nobody polls them for data."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from bench.model import DeviceInfo, Record
+
+__all__ = ["ProgramControl", "RecordSink", "StateStream", "TrackerStream"]
+
+RecordSink = Callable[[Record], None]
+"""Where a driver pushes its records, from its own reader thread. It never blocks and never raises."""
+
+
+class StateStream(Protocol):
+    """The robot's state, every sample of it, and the register that lets it begin a cycle."""
+
+    def open(self, sink: RecordSink) -> DeviceInfo:
+        """Connect and start pushing `RobotState` (and `LogEntry` for link events) into `sink`.
+
+        Raises
+        ------
+        ConnectError, ProtocolError, DeviceStateError
+            The controller cannot be reached, speaks another protocol, or refuses the recipe.
+        """
+        ...
+
+    def grant_cycles(self, total: int) -> None:
+        """Allow the program to have begun `total` cycles since it started. `LinkLostError` if it cannot be sent."""
+        ...
+
+    def close(self) -> None:
+        """Stop the reader thread and close the connection. May be called twice, and after an error."""
+        ...
+
+
+class ProgramControl(Protocol):
+    """Load, start and stop the robot's own program. Each call returns when the effect is seen, not when it is asked."""
+
+    def open(self) -> None:
+        """Connect. `ConnectError` if the controller cannot be reached."""
+        ...
+
+    def check(self, program: str) -> list[str]:
+        """Return one sentence for each reason why `program` cannot be run now; empty if it can."""
+        ...
+
+    def load(self, program: str) -> None: ...
+
+    def play(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class TrackerStream(Protocol):
+    """What the cameras saw, every frame of it, and how the tracker's clock relates to ours."""
+
+    def open(self, sink: RecordSink) -> DeviceInfo:
+        """Connect and start pushing `TrackerFrame`, `ClockSample` and `LogEntry` into `sink`.
+
+        Raises
+        ------
+        ConnectError, ProtocolError
+            The tracker cannot be reached, or speaks another protocol.
+        """
+        ...
+
+    def close(self) -> None:
+        """Stop the reader thread and close the sockets. May be called twice, and after an error."""
+        ...

@@ -1,0 +1,53 @@
+"""Data only: frozen records and enums. No input, no output, no clock."""
+
+from bench.model.enums import (
+    ClockSource,
+    CycleEventKind,
+    ExitStatus,
+    Outcome,
+    RunState,
+    Severity,
+    StampKind,
+    Verdict,
+)
+from bench.model.records import (
+    NAN6,
+    NO_ID,
+    UNLABELED,
+    ClockSample,
+    CycleEvent,
+    DeviceInfo,
+    LogEntry,
+    Record,
+    RecorderStats,
+    RigidBody,
+    RobotState,
+    StateChange,
+    TrackerFrame,
+    Vector6,
+)
+
+__all__ = [
+    "NAN6",
+    "NO_ID",
+    "UNLABELED",
+    "ClockSample",
+    "ClockSource",
+    "CycleEvent",
+    "CycleEventKind",
+    "DeviceInfo",
+    "ExitStatus",
+    "LogEntry",
+    "Outcome",
+    "Record",
+    "RecorderStats",
+    "RigidBody",
+    "RobotState",
+    "RunState",
+    "Severity",
+    "StampKind",
+    "StateChange",
+    "TrackerFrame",
+    "Vector6",
+    "Verdict",
+]

@@ -1,0 +1,84 @@
+"""Names for the numbers in a run file. The numbers are part of the file format and never change meaning."""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+
+__all__ = ["ClockSource", "CycleEventKind", "ExitStatus", "Outcome", "RunState", "Severity", "StampKind", "Verdict"]
+
+
+class StampKind(IntEnum):
+    """Which moment a tracker frame's device time denotes."""
+
+    MID_EXPOSURE = 0
+    """Middle of the exposure (Ethernet cameras)."""
+    DATA_RECEIVED = 1
+    """Camera data complete in the tracker PC (USB cameras send no mid-exposure stamp)."""
+    FRAME_GRID = 2
+    """Frame index over the take's exact export rate (imported files)."""
+    FILE_TIME = 3
+    """The time written in an imported file."""
+
+
+class ClockSource(IntEnum):
+    """Whose clock a `ClockSample` asked."""
+
+    ROBOT = 0
+    TRACKER = 1
+
+
+class CycleEventKind(IntEnum):
+    """What happened to a cycle."""
+
+    GRANTED = 0
+    STARTED = 1
+    COMPLETED = 2
+    INTERRUPTED = 3
+
+
+class RunState(StrEnum):
+    """Where a run is. `bench.run.states` holds the table of transitions."""
+
+    IDLE = "IDLE"
+    CONNECTING = "CONNECTING"
+    CHECKING = "CHECKING"
+    ARMED = "ARMED"
+    RUNNING = "RUNNING"
+    HOLDING = "HOLDING"
+    STOPPING = "STOPPING"
+    ABORTING = "ABORTING"
+    CLOSING = "CLOSING"
+    DONE = "DONE"
+
+
+class ExitStatus(StrEnum):
+    """Whether a run ended as it was meant to."""
+
+    SUCCESS = "success"
+    ABORT = "abort"
+    FAIL = "fail"
+
+
+class Outcome(StrEnum):
+    """The verdict. FAIL is the cable; ERROR is the bench."""
+
+    PASS = "PASS"  # noqa: S105 - a verdict, not a password
+    FAIL = "FAIL"
+    ERROR = "ERROR"
+
+
+class Verdict(StrEnum):
+    """The verdict on one cycle."""
+
+    OK = "ok"
+    INTERRUPTED = "interrupted"
+    SLOW = "slow"
+    GAP = "gap"
+
+
+class Severity(IntEnum):
+    """Levels of `rcl_interfaces/msg/Log`."""
+
+    INFO = 20
+    WARN = 30
+    ERROR = 40

@@ -1,0 +1,143 @@
+"""What an analysis found: the one object from which tables, figures and the page are made."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.config import Config
+from bench.model import Outcome
+
+__all__ = ["ClockFinding", "CycleColumns", "ExampleFrame", "FrameColumns", "Results", "StreamFinding"]
+
+Floats = npt.NDArray[np.float64]
+Floats32 = npt.NDArray[np.float32]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FrameColumns:
+    """One row for each of the F tracker frames, in order of capture."""
+
+    frame_number: Ints
+    time_ns: Ints
+    """Capture time, host Unix nanoseconds, by the offline clock map."""
+    cycle_index: Ints
+    """-1 outside any cycle."""
+    cycle_phase: Floats
+    """0…1, NaN outside any cycle."""
+    source: npt.NDArray[np.int16]
+    """(F, k): index in the recorded frame's point list given to each marker, -1 where not found."""
+    position_m: Floats32
+    """(F, k, 3): lab frame, NaN where not found."""
+    confidence: Floats32
+    """(F,): 0…1."""
+    curvature_per_m: Floats32
+    """(F, G): magnitude of the curvature at `Results.arc_length_m`, NaN where no curve could be drawn."""
+    sigma_per_m: Floats32
+    """(F, G): its standard deviation, from the markers' noise."""
+
+
+@dataclass(frozen=True, eq=False)
+class CycleColumns:
+    """One row for each cycle: the columns of ``cycles.parquet``, by the same names."""
+
+    cycle_index: Ints
+    start_ns: Ints
+    end_ns: Ints
+    duration_s: Floats
+    n_frames: Ints
+    verdict: list[str]
+    complete_fraction: Floats
+    max_curvature_per_m: Floats
+    max_curvature_sigma_per_m: Floats
+    max_curvature_arc_length_m: Floats
+    min_bend_radius_mm: Floats
+    mean_curvature_per_m: Floats
+
+
+@dataclass(frozen=True)
+class StreamFinding:
+    """What became of one topic."""
+
+    topic: str
+    rate_hz: float
+    received: int
+    written: int
+    dropped: int
+    missed: int
+    """Gaps in the device's own sequence: never arrived."""
+
+
+@dataclass(frozen=True)
+class ClockFinding:
+    """How one device's clock relates to ours, one clock segment."""
+
+    device: str
+    segment: int
+    method: str
+    offset_s: float
+    """Host Unix time minus device time at the start of the segment."""
+    drift_ppm: float
+    residual_sd_us: float
+    n_samples: int
+
+
+@dataclass(frozen=True, eq=False)
+class ExampleFrame:
+    """One frame shown as the paper's Fig. 5 shows it."""
+
+    frame_number: int
+    cycle_index: int
+    cycle_phase: float
+    points_m: Floats32
+    """(n, 3): as recorded, in the tracker's order."""
+    position_m: Floats32
+    """(k, 3): in the order found along the cable."""
+    curve_m: Floats
+    """(G, 3): the interpolated cable at `Results.arc_length_m`."""
+    curvature_per_m: Floats32
+    sigma_per_m: Floats32
+
+
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Everything the report says."""
+
+    run_path: str
+    """Name of the run file (without its folder)."""
+    config: Config
+    config_sha256: str
+    versions: dict[str, str]
+    methods: dict[str, str]
+    """`sorting`, `curvature`, `cycles`: the names of the methods used."""
+    exit_status: str
+    """How the run ended: success, abort, fail, or unfinished; `import` for a take."""
+    exit_reason: str
+    outcome: Outcome
+    outcome_reasons: list[str]
+    """Each one sentence: why the outcome is not PASS."""
+    run_facts: dict[str, str]
+    """What was run, in the order shown: devices, program, times, operator, sample."""
+    arc_length_m: Floats
+    """(G,): where curvature is given."""
+    marker_arc_length_m: Floats
+    """(k,)."""
+    frames: FrameColumns
+    cycles: CycleColumns
+    phase_grid: Floats
+    """(P,): centres of the phase bins of `bend_map_per_m`."""
+    bend_map_per_m: Floats
+    """(P, G): median curvature over all cycles by phase and arc length; NaN where nothing was seen."""
+    example: ExampleFrame | None
+    """None when no frame was complete enough to draw."""
+    streams: list[StreamFinding]
+    clocks: list[ClockFinding]
+    attention: dict[int, list[str]] = field(default_factory=dict)
+    """Cycles that need a look, by index, with the reasons in words."""
+    warnings: list[str] = field(default_factory=list)
+    """Sentences about the analysis itself that the reader must know."""
+    analysis_s: float = float("nan")
+    """Time the analysis took, on this machine."""
