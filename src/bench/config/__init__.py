@@ -1,5 +1,13 @@
 """TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
 
+from bench.config.load import (
+    config_schema,
+    load_config,
+    parse_config,
+    simulated_config,
+    simulated_config_text,
+    to_toml,
+)
 from bench.config.models import (
     AnalysisConfig,
     AnchorConfig,
@@ -22,4 +30,10 @@ __all__ = [
     "RunConfig",
     "SimulationConfig",
     "TrackerConfig",
+    "config_schema",
+    "load_config",
+    "parse_config",
+    "simulated_config",
+    "simulated_config_text",
+    "to_toml",
 ]

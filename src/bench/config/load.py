@@ -1,0 +1,154 @@
+"""Read and write configuration files; every fault is a sentence with its file, line and key."""
+
+from __future__ import annotations
+
+import difflib
+import re
+import tomllib
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import tomli_w
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
+
+from bench.config.models import Config
+from bench.errors import ConfigError
+
+__all__ = ["config_schema", "load_config", "parse_config", "simulated_config", "simulated_config_text", "to_toml"]
+
+Place = tuple[str | int, ...]
+
+UNITS = re.compile(r"_(m|mm|s|ms|ns|hz|rad|deg|per_m|n|nm2|n_per_m|ppm)$")
+
+
+def load_config(path: Path) -> Config:
+    """Read a configuration file.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be read, is no TOML, or holds an unknown key, a wrong unit or a wrong kind; all faults at once.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"The configuration {path} cannot be read: {error.strerror or error}.") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"The configuration {path} is not UTF-8 text (byte {error.start}).") from error
+    return parse_config(text, str(path))
+
+
+def parse_config(text: str, source: str) -> Config:
+    """Check the text of a configuration; `source` names it in messages. Raises like `load_config`."""
+    try:
+        data = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise ConfigError(f"{source} is not valid TOML: {error}.") from error
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        faults = [_sentence(fault, text, source) for fault in error.errors()]
+        hint = "" if len(faults) == 1 else f"({len(faults)} faults in all.)"
+        raise ConfigError("\n".join(faults), hint=hint) from error
+
+
+def simulated_config_text() -> str:
+    """Return the text of the simulated bench's configuration, as packaged."""
+    return files("bench.config").joinpath("simulated.toml").read_text(encoding="utf-8")
+
+
+def simulated_config() -> Config:
+    """Return the configuration of the simulated bench."""
+    return parse_config(simulated_config_text(), "simulated.toml")
+
+
+def to_toml(config: Config) -> str:
+    """Return the resolved configuration, defaults included, as TOML that `parse_config` reads back equal."""
+    return tomli_w.dumps(config.model_dump(mode="json", by_alias=True, exclude_none=True))
+
+
+def config_schema() -> dict[str, Any]:
+    """Return the JSON schema of a configuration file."""
+    return Config.model_json_schema(by_alias=True)
+
+
+def _sentence(fault: ErrorDetails, text: str, source: str) -> str:
+    place = _without_branches(fault["loc"])
+    line = _line_of(text, place)
+    where = f"{source}, line {line}" if line else source
+    key = ".".join(str(part) for part in place) or "the file"
+    if fault["type"] == "extra_forbidden":
+        return f"{where}: {key} is not a known key; {_suggestion(place)}"
+    if fault["type"] == "missing":
+        return f"{where}: {key} is missing{_described(place)}."
+    message = fault["msg"].removeprefix("Value error, ")
+    if isinstance(fault["input"], dict | list):
+        return f"{where}: {key}: {message}."
+    return f"{where}: {key} = {fault['input']!r}: {message[:1].lower()}{message[1:]}."
+
+
+def _without_branches(place: Place) -> Place:
+    """Drop the branch names that pydantic adds for unions: they are no keys of the file."""
+    return tuple(part for part in place if not (isinstance(part, str) and ("[" in part or part == "tuple")))
+
+
+def _section_of(place: Sequence[str | int]) -> type[BaseModel] | None:
+    """Return the model that holds the last key of `place`."""
+    model: type[BaseModel] | None = Config
+    for part in place[:-1]:
+        field = _fields(model).get(str(part)) if model else None
+        model = _model_in(field.annotation) if field else None
+    return model
+
+
+def _fields(model: type[BaseModel]) -> dict[str, Any]:
+    return {field.alias or name: field for name, field in model.model_fields.items()}
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    candidates = [annotation, *getattr(annotation, "__args__", ())]
+    return next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def _suggestion(place: Place) -> str:
+    model = _section_of(place)
+    if model is None:
+        return "remove it."
+    wrong, known = str(place[-1]), list(_fields(model))
+    same_quantity = [name for name in known if UNITS.sub("", name) == UNITS.sub("", wrong)]
+    if same_quantity:
+        return f"the unit is part of the key: did you mean '{same_quantity[0]}'?"
+    close = difflib.get_close_matches(wrong, known, n=1, cutoff=0.5)
+    return f"did you mean '{close[0]}'?" if close else f"known here: {', '.join(sorted(known))}."
+
+
+def _described(place: Place) -> str:
+    model = _section_of(place)
+    field = _fields(model).get(str(place[-1])) if model else None
+    return f" ({field.description.rstrip('.')})" if field is not None and field.description else ""
+
+
+def _line_of(text: str, place: Place) -> int:
+    """Return the line of the deepest part of `place` that stands in the text, 0 if none does."""
+    table: tuple[str, ...] = ()
+    best, best_depth = 0, 0
+    for number, line in enumerate(text.splitlines(), start=1):
+        header = re.match(r"\s*\[+\s*([^\]]+?)\s*\]+", line)
+        assignment = re.match(r"\s*([A-Za-z0-9_\-.\"']+)\s*=", line)
+        if header:
+            table = _parts(header.group(1))
+            here = table
+        elif assignment:
+            here = table + _parts(assignment.group(1))
+        else:
+            continue
+        if here == tuple(str(part) for part in place[: len(here)]) and len(here) > best_depth:
+            best, best_depth = number, len(here)
+    return best
+
+
+def _parts(dotted: str) -> tuple[str, ...]:
+    return tuple(part.strip().strip("\"'") for part in dotted.split("."))
