@@ -1,0 +1,163 @@
+"""The checks before a run: every item with its limit, its value and its verdict; all failures at once."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.config import Config
+from bench.drivers.base import ProgramControl
+from bench.errors import BenchError, PreflightError
+from bench.run.tally import FrameTally, RobotTally
+from bench.run.watcher import CycleWatcher
+
+__all__ = ["Item", "check_bench", "predict_bytes_per_s", "verify_items"]
+
+SMALLEST_RATE_RATIO = 0.95
+"""A stream slower than this is not the stream that was asked for; jitter over one second is far smaller."""
+ROBOT_BYTES = 460
+"""One robot state in the run file before compression, see `bench.recording`."""
+FRAME_BYTES = 330
+POINT_BYTES = 24
+COMPRESSED = 0.93
+"""LZ4 on real-like data, measured 2026-11, see docs/explanations/recording.md."""
+SAFETY_FACTOR = 2.0
+"""Free space asked for, over what the run is predicted to take."""
+
+
+@dataclass(frozen=True, slots=True)
+class Item:
+    """One check."""
+
+    name: str
+    limit: str
+    value: str
+    verdict: str
+    """`ok`, `warn` or `fail`."""
+    sentence: str = ""
+    """What is wrong and what to do, when it is not ok."""
+    exit_code: int = 3
+
+
+def check_bench(
+    config: Config,
+    program: ProgramControl,
+    watcher: CycleWatcher,
+    robot: RobotTally,
+    tracker: FrameTally,
+    folder: Path,
+    expected_s: float | None,
+) -> list[Item]:
+    """Check everything a run depends on. The links are open and have streamed for a moment.
+
+    Parameters
+    ----------
+    expected_s : float or None
+        How long the run will take, where that is known; decides how much disk space is asked for.
+    """
+    return [
+        *_check_program(config, program),
+        _check_robot_rate(config, robot),
+        _check_slider(watcher),
+        _check_tracker_rate(tracker),
+        _check_markers(config, tracker),
+        _check_disk(config, tracker, folder, expected_s),
+    ]
+
+
+def verify_items(items: Sequence[Item]) -> None:
+    """Raise `PreflightError` with every failed item, and the exit code of the first."""
+    failed = [item for item in items if item.verdict == "fail"]
+    if failed:
+        raise PreflightError([item.sentence for item in failed], exit_code=failed[0].exit_code)
+
+
+def predict_bytes_per_s(config: Config, tracker_rate_hz: float, n_points: float) -> float:
+    """Return the size of one second of recording, in bytes."""
+    robot = config.robot.rate_hz * ROBOT_BYTES if config.robot else 0.0
+    return COMPRESSED * (robot + tracker_rate_hz * (FRAME_BYTES + n_points * POINT_BYTES))
+
+
+def _check_program(config: Config, program: ProgramControl) -> list[Item]:
+    name = config.robot.program if config.robot else ""
+    reasons = program.check(name)
+    items = [Item("robot ready", "remote control, safety normal, powered on", "no", "fail", r) for r in reasons]
+    if items:
+        return items
+    loaded = _attempt(lambda: program.load(name))
+    verdict = "fail" if loaded else "ok"
+    return [
+        Item("robot ready", "remote control, safety normal, powered on", "yes", "ok"),
+        Item("program loaded", name, "no" if loaded else name, verdict, loaded),
+    ]
+
+
+def _attempt(action: Callable[[], None]) -> str:
+    try:
+        action()
+    except BenchError as error:
+        return str(error)
+    return ""
+
+
+def _check_robot_rate(config: Config, robot: RobotTally) -> Item:
+    wanted = config.robot.rate_hz if config.robot else 0.0
+    rate = robot.device_rate_hz
+    ok = rate >= SMALLEST_RATE_RATIO * wanted
+    sentence = f"The robot streams {rate:.1f} Hz instead of {wanted:g} Hz: set [robot] rate_hz to what it can give."
+    return Item("robot rate", f">= {SMALLEST_RATE_RATIO * wanted:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
+
+
+def _check_slider(watcher: CycleWatcher) -> Item:
+    fraction = watcher.latest.speed_fraction if watcher.latest else float("nan")
+    ok = not fraction < 1.0
+    sentence = f"The speed slider is at {fraction:.0%}: cycles take longer than the program's own time."
+    return Item("speed slider", "100 %", f"{fraction:.0%}", "ok" if ok else "warn", "" if ok else sentence)
+
+
+def _check_tracker_rate(tracker: FrameTally) -> Item:
+    rate, wanted = tracker.rate_hz, tracker.nominal_rate_hz
+    limit = SMALLEST_RATE_RATIO * wanted if wanted == wanted else 0.0
+    ok = tracker.n_frames > 1 and rate >= limit
+    sentence = (
+        f"The tracker streams {rate:.1f} frames/s instead of {wanted:g}: check its network and its camera rate."
+        if tracker.n_frames > 1
+        else "The tracker answers but streams no frames: is Motive in live mode, with streaming enabled?"
+    )
+    return Item("tracker rate", f">= {limit:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
+
+
+def _check_markers(config: Config, tracker: FrameTally) -> Item:
+    expected = len(config.cable.arc_length_m) + (config.cable.anchor.kind == "static_marker")
+    seen = tracker.most_unlabeled
+    limit = f"{expected} unlabeled"
+    if seen == 0:
+        sentence = (
+            "The tracker sees no markers: check cameras, exposure and threshold, and that unlabeled markers stream."
+        )
+        return Item("markers", limit, "0", "fail", sentence, exit_code=4)
+    sentence = f"The tracker sees {seen} unlabeled markers, {expected} are configured: some are hidden at rest."
+    enough = seen >= expected
+    return Item("markers", limit, str(seen), "ok" if enough else "warn", "" if enough else sentence)
+
+
+def _check_disk(config: Config, tracker: FrameTally, folder: Path, expected_s: float | None) -> Item:
+    free = shutil.disk_usage(_existing(folder)).free
+    per_s = predict_bytes_per_s(config, tracker.rate_hz, tracker.most_points)
+    needed = SAFETY_FACTOR * per_s * (expected_s if expected_s is not None else 3600.0)
+    what = "this run" if expected_s is not None else "one hour"
+    sentence = f"{folder} has {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB are asked for ({what}, twice its size)."
+    limit = f">= {needed / 1e6:.0f} MB ({what})"
+    return Item("disk space", limit, f"{free / 1e6:.0f} MB", _verdict(free >= needed), sentence, exit_code=5)
+
+
+def _existing(folder: Path) -> Path:
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return folder
+
+
+def _verdict(ok: bool) -> str:
+    return "ok" if ok else "fail"

@@ -1,0 +1,100 @@
+"""Watches the robot's state stream for what the engine must know: cycles, pauses, stops. Every package is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.errors import CycleSequenceError, DeviceStateError
+from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RobotState, Severity
+from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault, ProgramPaused
+
+__all__ = ["PLAYING", "CycleWatcher", "safety_text"]
+
+STOPPED, PLAYING, PAUSED = 1, 2, 4
+"""UR runtime states (UR RTDE guide)."""
+SAFETY_TEXTS = {
+    1: "normal",
+    2: "reduced",
+    3: "protective stop",
+    4: "recovery",
+    5: "safeguard stop",
+    6: "system emergency stop",
+    7: "robot emergency stop",
+    8: "violation",
+    9: "fault",
+}
+"""UR safety status (UR RTDE guide)."""
+
+
+def safety_text(status: int) -> str:
+    """Return the name of a UR safety status."""
+    return SAFETY_TEXTS.get(status, f"status {status}")
+
+
+class CycleWatcher:
+    """Turns consecutive robot states into cycle events; counts by the robot's own counter, never by time.
+
+    Called from the state stream's reader thread. While not `armed` it only remembers the latest state.
+    """
+
+    def __init__(self, notify: Callable[[Event], None], record: Callable[[Record], None]) -> None:
+        self._notify = notify
+        self._record = record
+        self._before: RobotState | None = None
+        self._armed = False
+        self.latest: RobotState | None = None
+        """The newest state, None before the first."""
+
+    def arm(self) -> None:
+        """Begin to report: from here on the program is ours."""
+        self._before = self.latest
+        self._armed = True
+
+    def disarm(self) -> None:
+        """Stop reporting: what the robot does from here on is not the run's."""
+        self._armed = False
+
+    def update(self, state: RobotState) -> None:
+        """Take one state into account."""
+        before, self.latest = self._before, state
+        if not self._armed:
+            return
+        self._before = state
+        if before is not None:
+            self._watch_cycles(before, state)
+            self._watch_program(before, state)
+
+    def _watch_cycles(self, before: RobotState, state: RobotState) -> None:
+        step = state.cycle_count - before.cycle_count
+        if step == 1:
+            self._mark(CycleEventKind.COMPLETED, state, before.cycle_count)
+            self._notify(CycleCompleted(before.cycle_count))
+        elif step != 0:
+            self._notify(Fault(_jumped(before, state)))
+        if state.cycle_running == 1 and before.cycle_running != 1:
+            self._mark(CycleEventKind.STARTED, state, state.cycle_count)
+            self._notify(CycleStarted(state.cycle_count))
+
+    def _mark(self, kind: CycleEventKind, state: RobotState, cycle_index: int) -> None:
+        self._record(CycleEvent(state.capture_ns, kind, cycle_index, state.controller_time_s))
+
+    def _watch_program(self, before: RobotState, state: RobotState) -> None:
+        if state.runtime_state == before.runtime_state:
+            return
+        safety = safety_text(state.safety_status)
+        if state.runtime_state == PAUSED:
+            text = f"The robot program is paused in cycle {state.cycle_count} (safety: {safety})."
+            self._record(LogEntry(state.capture_ns, Severity.WARN, "robot", text))
+            self._notify(ProgramPaused(text))
+        elif state.runtime_state == STOPPED:
+            text = f"The robot program stopped by itself in cycle {state.cycle_count} (safety: {safety})."
+            hint = "See the robot's pendant for the reason, clear it there, and start a new run."
+            self._notify(Fault(DeviceStateError(text, hint=hint)))
+
+
+def _jumped(before: RobotState, state: RobotState) -> CycleSequenceError:
+    return CycleSequenceError(
+        f"The robot's cycle counter went from {before.cycle_count} to {state.cycle_count} "
+        f"at controller time {state.controller_time_s:.3f} s; one at a time is expected.",
+        hint="Was another program started, or the register written by someone else?",
+    )
