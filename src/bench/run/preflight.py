@@ -134,9 +134,7 @@ def _check_markers(config: Config, tracker: FrameTally) -> Item:
     seen = tracker.most_unlabeled
     limit = f"{expected} unlabeled"
     if seen == 0:
-        sentence = (
-            "The tracker sees no markers: check cameras, exposure and threshold, and that unlabeled markers stream."
-        )
+        sentence = "The tracker sees no markers: check exposure, threshold, and that unlabeled markers stream."
         return Item("markers", limit, "0", "fail", sentence, exit_code=4)
     sentence = f"The tracker sees {seen} unlabeled markers, {expected} are configured: some are hidden at rest."
     enough = seen >= expected

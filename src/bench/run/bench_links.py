@@ -1,0 +1,116 @@
+"""Opens the devices of one configuration, sends what they push where it belongs, and closes them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.config import Config, RobotConfig, TrackerConfig
+from bench.drivers.robot import make_program_control, make_state_stream
+from bench.drivers.tracker import make_tracker
+from bench.errors import BenchError, ConfigError, PreflightError
+from bench.model import DeviceInfo, Record, RobotState, TrackerFrame
+from bench.run.closing import Closing
+from bench.run.inbox import Fault, Inbox
+from bench.run.pace import PaceWatch
+from bench.run.tally import FrameTally, RobotTally
+from bench.run.watcher import CycleWatcher
+from bench.timing import Clock
+
+__all__ = ["BenchLinks", "require_devices"]
+
+
+def require_devices(config: Config) -> tuple[RobotConfig, TrackerConfig]:
+    """Return both device tables; `ConfigError` naming those that are missing."""
+    if config.robot is None or config.tracker is None:
+        missing = [name for name in ("robot", "tracker") if getattr(config, name) is None]
+        raise ConfigError(
+            f"The configuration has no [{'] and no ['.join(missing)}] table, so nothing can be run with it.",
+            hint="It is enough for bench import and bench report.",
+        )
+    return config.robot, config.tracker
+
+
+class BenchLinks:
+    """Robot and tracker of one configuration, and what has been seen of them.
+
+    Parameters
+    ----------
+    config : Config
+    clock : Clock
+    inbox : Inbox
+        Where cycle events and lost links go.
+    record : callable
+        Where every record goes: the run file.
+    on_missed : callable, optional
+        Told (topic, n) when a device's own sequence has a gap.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        clock: Clock,
+        inbox: Inbox,
+        record: Callable[[Record], None],
+        on_missed: Callable[[str, int], None] | None = None,
+    ) -> None:
+        robot, tracker = require_devices(config)
+        self._inbox = inbox
+        self._record = record
+        self.watcher = CycleWatcher(inbox.put, record)
+        self.robot_tally = RobotTally()
+        self.frame_tally = FrameTally()
+        self.pace = PaceWatch(clock)
+        self.stream = make_state_stream(robot, clock, on_missed=on_missed, on_lost=self._report_loss)
+        self.tracker = make_tracker(tracker, clock, on_missed=on_missed, on_lost=self._report_loss)
+        self.program = make_program_control(robot, clock)
+
+    def open(self, closing: Closing) -> list[DeviceInfo]:
+        """Connect to everything, and report everything that cannot be reached at once.
+
+        Raises
+        ------
+        DeviceError
+            One device cannot be used.
+        PreflightError
+            More than one cannot.
+        """
+        closing.add("the robot's state stream", self.stream.close)
+        closing.add("the tracker", self.tracker.close)
+        closing.add("the robot's dashboard", self.program.close)
+        infos: list[DeviceInfo] = []
+        failures: list[BenchError] = []
+        for connect in (self._open_robot, self._open_tracker):
+            try:
+                infos.append(connect())
+            except BenchError as error:
+                failures.append(error)
+        if len(failures) == 1:
+            raise failures[0]
+        if failures:
+            raise PreflightError([str(error) for error in failures], exit_code=failures[0].exit_code)
+        return infos
+
+    def _open_robot(self) -> DeviceInfo:
+        info = self.stream.open(self._take_robot_record)
+        self.program.open()
+        return info
+
+    def _open_tracker(self) -> DeviceInfo:
+        info = self.tracker.open(self._take_tracker_record)
+        self.frame_tally.nominal_rate_hz = info.rate_hz
+        return info
+
+    def _take_robot_record(self, record: Record) -> None:
+        self._record(record)
+        if isinstance(record, RobotState):
+            self.watcher.update(record)
+            self.robot_tally.update(record)
+            self.pace.update(round(record.controller_time_s * 1e9), record.arrival_ns)
+
+    def _take_tracker_record(self, record: Record) -> None:
+        self._record(record)
+        if isinstance(record, TrackerFrame):
+            self.frame_tally.update(record)
+
+    def _report_loss(self, error: BenchError) -> None:
+        self._inbox.put(Fault(error))

@@ -1,0 +1,331 @@
+"""One execution of ``bench run`` or ``bench check``, from the first connection to the last rename."""
+
+from __future__ import annotations
+
+import platform
+import signal
+import threading
+import uuid
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from bench.config import Config, to_toml
+from bench.errors import BenchError, ConfigError, RecordingError
+from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity
+from bench.recording import RunWriter
+from bench.run.bench_links import BenchLinks
+from bench.run.closing import Closing
+from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
+from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
+from bench.run.preflight import Item, check_bench, verify_items
+from bench.run.simulator import SimulatorProcess
+from bench.run.states import RunStates
+from bench.run.view import RunView
+from bench.timing import RunClock, patience_ns
+
+__all__ = ["RunOptions", "RunSummary", "check", "run"]
+
+SETTLE_S = 1.0
+"""Machine time the links stream before they are judged: 125 robot states and 100 frames at the slowest usual rates."""
+LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde")
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """What the command line adds to the configuration."""
+
+    n_cycles: int
+    output: Path | None = None
+    speed: float = 1.0
+    truth: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RunSummary:
+    """How a run ended and what it left."""
+
+    path: Path
+    ending: Ending
+    n_completed: int
+    n_cycles: int
+    stats: dict[str, RecorderStats]
+    bytes_written: int
+    duration_s: float
+    """Machine time from the first grant to the end."""
+    warnings: list[str]
+
+
+def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
+    """Preflight, drive, record, stop.
+
+    Parameters
+    ----------
+    config : Config
+        With a `[simulation]` table the simulated bench is started first, as a process of its own.
+    options : RunOptions
+    view : RunView
+        Where the operator looks.
+
+    Returns
+    -------
+    RunSummary
+        Also when the operator ended the run early; its `ending` says so.
+
+    Raises
+    ------
+    BenchError
+        What ended the run; the run file is finished and readable all the same.
+    """
+    clock = _start_clock(config, options.speed)
+    path = options.output or _default_path(config, clock)
+    inbox = QueueInbox(clock)
+    failures: list[BenchError] = []
+    with Closing() as closing:
+        writer = _open_writer(config, path, clock, inbox)
+        ending: list[Ending] = []
+        closing.add("the run file", lambda: _close_writer(writer, ending, failures), limit_s=120.0)
+        try:
+            summary = _Session(config, options, clock, inbox, writer, view, closing).run(ending)
+        except BaseException as error:
+            failures.append(_as_bench_error(error))
+            raise
+    return summary(writer, path)
+
+
+def check(config: Config, view: RunView, speed: float = 1.0) -> list[Item]:
+    """Run the preflight alone; nothing is recorded and the robot does not move.
+
+    Raises
+    ------
+    DeviceError, PreflightError
+        A device cannot be reached.
+    """
+    clock = _start_clock(config, speed)
+    inbox = QueueInbox(clock)
+    states = RunStates(clock, _discard)
+    with Closing() as closing:
+        states.enter(RunState.CONNECTING)
+        _start_simulator(config, clock, None, closing, view)
+        links = BenchLinks(config, clock, inbox, _discard)
+        links.open(closing)
+        states.enter(RunState.CHECKING)
+        items = _check(config, links, clock, Path(config.run.output_dir), None)
+        states.enter(RunState.CLOSING)
+    states.enter(RunState.DONE)
+    return items
+
+
+class _Session:
+    """The steps of one run between opening and closing its file."""
+
+    def __init__(
+        self,
+        config: Config,
+        options: RunOptions,
+        clock: RunClock,
+        inbox: Inbox,
+        writer: RunWriter,
+        view: RunView,
+        closing: Closing,
+    ) -> None:
+        self._config = config
+        self._options = options
+        self._clock = clock
+        self._inbox = inbox
+        self._writer = writer
+        self._view = view
+        self._closing = closing
+        self._states = RunStates(clock, writer.put)
+        self._progress = RunProgress(options.n_cycles)
+
+    def run(self, ending: list[Ending]) -> Callable[[RunWriter, Path], RunSummary]:
+        try:
+            links = self._connect()
+            self._preflight(links)
+            ending.append(self._drive(links))
+        except BaseException as error:
+            self._states.abort(str(error) or type(error).__name__)
+            raise
+        finally:
+            self._states.enter(RunState.CLOSING)
+            self._closing_note()
+        warnings = self._find_warnings(links)
+        self._states.enter(RunState.DONE)
+        return lambda writer, path: self._summarise(writer, path, ending[0], warnings)
+
+    def _connect(self) -> BenchLinks:
+        self._states.enter(RunState.CONNECTING)
+        _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
+        writer = self._writer
+        links = BenchLinks(self._config, self._clock, self._inbox, writer.put, writer.note_missed)
+        for info in links.open(self._closing):
+            writer.add_device(info)
+            self._view.say(f"connected: {info.device} {info.kind} {info.address} {info.version}".rstrip())
+        return links
+
+    def _preflight(self, links: BenchLinks) -> None:
+        self._states.enter(RunState.CHECKING)
+        simulated = self._config.simulation
+        expected_s = self._options.n_cycles * simulated.cycle_s * 1.2 if simulated else None
+        folder = (self._options.output or Path(self._config.run.output_dir)).parent
+        items = _check(self._config, links, self._clock, folder, expected_s)
+        for item in items:
+            self._view.show_item(item)
+            if item.verdict != "ok":
+                severity = Severity.WARN if item.verdict == "warn" else Severity.ERROR
+                self._writer.put(LogEntry(self._clock.now_ns(), severity, "run", item.sentence))
+        verify_items(items)
+
+    def _drive(self, links: BenchLinks) -> Ending:
+        self._states.enter(RunState.ARMED)
+        robot = self._config.robot
+        engine = RunEngine(
+            links.program,
+            links.stream,
+            links.watcher,
+            self._inbox,
+            self._states,
+            self._clock,
+            self._writer.put,
+            self._progress,
+            RunLimits(cycle_s=robot.cycle.timeout_s if robot else RunLimits.cycle_s),
+            refresh=lambda: self._view.update(self._progress, self._writer, links, self._clock),
+        )
+        with _ctrl_c_to(self._inbox), self._view.live():
+            return engine.run()
+
+    def _find_warnings(self, links: BenchLinks) -> list[str]:
+        if not links.pace.is_behind:
+            return []
+        lag_s = links.pace.largest_lag_ns / patience_ns(self._clock, 1.0)
+        what = (
+            f"This machine cannot keep up with --speed {self._clock.speed:g}"
+            if self._clock.speed != 1.0
+            else "The robot's stream arrives late"
+        )
+        text = (
+            f"{what}: the robot's stream fell {lag_s:.1f} s of machine time behind. "
+            "No cycle or record is lost by that, but arrival times are worth less; use a lower speed."
+        )
+        self._writer.put(LogEntry(self._clock.now_ns(), Severity.WARN, "run", text))
+        return [text]
+
+    def _closing_note(self) -> None:
+        self._writer.add_metadata("bench.cycles", {"completed": str(self._progress.n_completed)})
+
+    def _summarise(self, writer: RunWriter, path: Path, ending: Ending, warnings: list[str]) -> RunSummary:
+        started = self._progress.run_started_ns
+        elapsed_ns = self._clock.now_ns() - started if started >= 0 else 0
+        return RunSummary(
+            path,
+            ending,
+            self._progress.n_completed,
+            self._progress.n_cycles,
+            writer.stats,
+            writer.bytes_written,
+            elapsed_ns / patience_ns(self._clock, 1.0),
+            warnings,
+        )
+
+
+def _start_clock(config: Config, speed: float) -> RunClock:
+    if speed != 1.0 and config.simulation is None:
+        raise ConfigError(
+            f"--speed {speed:g} was given, but a real bench runs in real time.",
+            hint="Leave --speed out, or use a configuration with a [simulation] table.",
+        )
+    return RunClock.start(speed)
+
+
+def _start_simulator(config: Config, clock: RunClock, truth: Path | None, closing: Closing, view: RunView) -> None:
+    if config.simulation is None:
+        if truth is not None:
+            raise ConfigError("--truth was given, but only the simulated bench knows the truth.")
+        return
+    simulator = SimulatorProcess(config, clock, truth)
+    closing.add("the simulated bench", simulator.close, limit_s=120.0)
+    for line in simulator.start():
+        view.say(line)
+
+
+def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None) -> list[Item]:
+    clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
+    return check_bench(config, links.program, links.watcher, links.robot_tally, links.frame_tally, folder, expected_s)
+
+
+def _open_writer(config: Config, path: Path, clock: RunClock, inbox: Inbox) -> RunWriter:
+    run_id = str(uuid.uuid4())
+    facts = {
+        "name": config.run.name,
+        "sample_id": config.run.sample_id,
+        "operator": config.run.operator,
+        "host": platform.node(),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "clock": clock.to_text(),
+        "simulated": str(config.simulation is not None).lower(),
+    }
+    return RunWriter(
+        path,
+        clock,
+        config_toml=to_toml(config),
+        versions={name: version(name) for name in LIBRARIES},
+        run_id=run_id,
+        extra={"bench.facts": facts},
+        on_failure=lambda error: inbox.put(Fault(error)),
+    )
+
+
+def _close_writer(writer: RunWriter, ending: list[Ending], failures: list[BenchError]) -> None:
+    if ending and not failures:
+        writer.close(exit_status=str(ending[0].status), reason=ending[0].reason)
+        return
+    reason = str(failures[0]) if failures else "ended without a reason"
+    status = ExitStatus.ABORT if failures and isinstance(failures[0], _Interrupted) else ExitStatus.FAIL
+    writer.close(exit_status=str(status), reason=reason)
+
+
+class _Interrupted(BenchError):
+    """Ctrl-C before the first cycle."""
+
+
+def _as_bench_error(error: BaseException) -> BenchError:
+    if isinstance(error, BenchError):
+        return error
+    if isinstance(error, KeyboardInterrupt):
+        return _Interrupted("stopped by the operator before the first cycle")
+    return RecordingError(f"unexpected {type(error).__name__}: {error}")
+
+
+def _default_path(config: Config, clock: RunClock) -> Path:
+    moment = datetime.fromtimestamp(clock.utc_ns * 1e-9, UTC)
+    return Path(config.run.output_dir) / f"{config.run.name}-{moment:%Y%m%dT%H%M%SZ}.mcap"
+
+
+def _discard(_record: Record) -> None:
+    """Take a record nobody wants: a check alone records nothing."""
+
+
+@contextmanager
+def _ctrl_c_to(inbox: Inbox) -> Iterator[None]:
+    """Turn the first Ctrl-C into a stop after this cycle, the second into an abort."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    pressed = 0
+
+    def on_signal(_number: int, _frame: object) -> None:
+        nonlocal pressed
+        pressed += 1
+        inbox.put(StopRequested() if pressed == 1 else AbortRequested())
+
+    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
