@@ -40,8 +40,6 @@ STATE_FIELDS = (*OUTPUTS, "cycle_count", "cycle_running", "cycle_phase")
 VECTORS = frozenset(
     {"q_rad", "qd_rad_s", "target_q_rad", "current_a", "joint_temperature_c", "tcp_pose", "tcp_speed", "tcp_force"}
 )
-    name for name in OUTPUTS if name.endswith(("_rad", "_rad_s", "_a", "_c")) or name.startswith("tcp_")
-)
 REALS = frozenset({"controller_time_s", "speed_scaling", "speed_fraction", "cycle_phase"})
 UNSIGNED = frozenset({"digital_inputs", "digital_outputs"})
 # What stands for a field the controller does not have, appended to each package: NaN six times, -1, 0.
