@@ -1,0 +1,73 @@
+"""Which version the frames are in. The server's own word is not enough, the frames prove it."""
+
+from __future__ import annotations
+
+from bench.drivers.tracker.natnet.frame import Frame, decode_frame
+from bench.drivers.tracker.natnet.models import Model, decode_models
+from bench.drivers.tracker.natnet.wire import Version
+from bench.errors import ProtocolError
+
+__all__ = ["WANTED_VERSION", "Bitstream"]
+
+WANTED_VERSION: Version = (4, 1, 0, 0)
+"""What we ask of NatNet 4 servers: the first version whose sections tell their size."""
+CHOOSING_SINCE = (4, 0)
+LAYOUTS: tuple[Version, ...] = ((4, 1), (4, 0))
+"""One version of each layout of frames: with sizes, without (3.0 to 4.0)."""
+
+
+class Bitstream:
+    """Decodes frames in the version that was agreed on, or in the one that turns out to be sent."""
+
+    def __init__(self, server_version: Version) -> None:
+        agreed = min(server_version, WANTED_VERSION) if server_version >= CHOOSING_SINCE else server_version
+        self._candidates = list(dict.fromkeys((agreed[:2], server_version[:2], *LAYOUTS)))
+        self._proven = False
+
+    @property
+    def version(self) -> Version:
+        """The version in use, as far as is known."""
+        return self._candidates[0]
+
+    def decode_frame(self, payload: bytes) -> Frame:
+        """Decode a frame; until one was understood, try the other versions before giving up.
+
+        Raises
+        ------
+        ProtocolError
+            The frame is of no version we know, or broken.
+        """
+        if self._proven:
+            return decode_frame(payload, self.version)
+        frame = self._first_that_fits(payload)
+        self._proven = True
+        return frame
+
+    def doubt(self) -> None:
+        """Try all versions again: the server says that it changed the bitstream."""
+        self._proven = False
+
+    def decode_models(self, payload: bytes) -> tuple[Model, ...]:
+        """Decode the model definitions, in the version of the frames or in the server's own."""
+        try:
+            return decode_models(payload, self.version)
+        except ProtocolError:
+            for version in self._candidates[1:]:
+                try:
+                    return decode_models(payload, version)
+                except ProtocolError:
+                    continue
+            raise
+
+    def _first_that_fits(self, payload: bytes) -> Frame:
+        first_error: ProtocolError | None = None
+        for version in self._candidates:
+            try:
+                frame = decode_frame(payload, version)
+            except ProtocolError as error:
+                first_error = first_error or error
+                continue
+            self._candidates.remove(version)
+            self._candidates.insert(0, version)
+            return frame
+        raise first_error or ProtocolError("A NatNet frame is of no known version.")

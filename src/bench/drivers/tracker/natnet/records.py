@@ -1,0 +1,79 @@
+"""From a FRAMEOFDATA to the record that is pushed and written."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.drivers.tracker.natnet.frame import Frame
+from bench.errors import ProtocolError
+from bench.model import NO_ID, UNLABELED, RigidBody, StampKind, TrackerFrame
+
+__all__ = ["capture_stamp", "make_record"]
+
+SAME_PLACE_M = 0.001
+"""Another marker within this distance of a rigid body's marker is that marker."""
+
+
+def capture_stamp(frame: Frame) -> tuple[int, StampKind]:
+    """Return the ticks of the exposure, and which moment of it they denote.
+
+    Raises
+    ------
+    ProtocolError
+        The frame has no stamp at all.
+    """
+    if frame.mid_exposure:
+        return frame.mid_exposure, StampKind.MID_EXPOSURE
+    if frame.data_received:
+        return frame.data_received, StampKind.DATA_RECEIVED
+    raise ProtocolError(
+        f"Frame {frame.frame_number} carries no camera stamp.",
+        hint="Motive must be in Live mode; a take that is played back has no capture time.",
+    )
+
+
+def make_record(
+    frame: Frame, ticks: int, stamp: StampKind, arrival_ns: int, capture_ns: int, segment: int
+) -> TrackerFrame:
+    """Make the record of one frame: all points the tracker sent, in its order, and the rigid bodies."""
+    if len(frame.labeled):
+        labeled = frame.labeled
+        points = np.ascontiguousarray(labeled["position_m"])
+        ids, flags = np.ascontiguousarray(labeled["id"]), labeled["params"].astype(np.uint32)
+        residual = np.ascontiguousarray(labeled["residual_m"])
+    else:
+        points = _free_points(frame)
+        ids = np.full(len(points), NO_ID, dtype=np.uint32)
+        flags = np.full(len(points), UNLABELED, dtype=np.uint32)
+        residual = np.full(len(points), np.nan, dtype=np.float32)
+    return TrackerFrame(
+        arrival_ns=arrival_ns,
+        capture_ns=capture_ns,
+        frame_number=frame.frame_number,
+        device_ticks=ticks,
+        stamp=stamp,
+        points_m=points,
+        ids=ids,
+        flags=flags,
+        residual_m=residual,
+        bodies=tuple(
+            RigidBody(body_id, tuple(position), tuple(quaternion), error_m, bool(params & 1))
+            for body_id, position, quaternion, error_m, params in frame.bodies.tolist()
+        ),
+        segment=segment,
+    )
+
+
+def _free_points(frame: Frame) -> npt.NDArray[np.float32]:
+    """Return the other markers less those of rigid bodies, for a tracker that streams no labeled markers.
+
+    The bodies' markers are known from the marker sets alone: MODELDEF's offsets cannot be turned by the pose, because
+    Motive 2.1 gives them with x mirrored (seen in the recorded packets).
+    """
+    other = np.ascontiguousarray(frame.other_m)
+    if not frame.marker_sets or not len(other):
+        return other
+    known = np.concatenate([one.points_m for one in frame.marker_sets])
+    distance = np.linalg.norm(other[:, None, :] - known[None, :, :], axis=2)
+    return other[~(distance < SAME_PLACE_M).any(axis=1)]
