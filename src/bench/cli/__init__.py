@@ -5,6 +5,6 @@ __all__ = ["main"]
 
 def main() -> None:
     """Run the command line."""
-    from bench.cli.app import app
+    from bench.cli.app import main as run_app
 
-    app()
+    run_app()

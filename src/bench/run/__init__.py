@@ -1,0 +1,19 @@
+"""Drives the bench and records it: preflight, cycles, closing; and the import of takes into the same recording."""
+
+from bench.run.plan import describe_plan
+from bench.run.preflight import Item, verify_items
+from bench.run.session import RunOptions, RunSummary, check, run
+from bench.run.simulator import with_free_addresses
+from bench.run.view import RunView
+
+__all__ = [
+    "Item",
+    "RunOptions",
+    "RunSummary",
+    "RunView",
+    "check",
+    "describe_plan",
+    "run",
+    "verify_items",
+    "with_free_addresses",
+]

@@ -6,7 +6,7 @@ import platform
 import signal
 import threading
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -14,10 +14,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench.config import Config, to_toml
-from bench.errors import BenchError, ConfigError, RecordingError
+from bench.errors import ConfigError
 from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity
 from bench.recording import RunWriter
-from bench.run.bench_links import BenchLinks
+from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
 from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
@@ -31,6 +31,8 @@ __all__ = ["RunOptions", "RunSummary", "check", "run"]
 
 SETTLE_S = 1.0
 """Machine time the links stream before they are judged: 125 robot states and 100 frames at the slowest usual rates."""
+CLOSE_FILE_S = 120.0
+"""Machine time to drain the queue and finish the file on a slow disk."""
 LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde")
 
 
@@ -48,14 +50,15 @@ class RunOptions:
 class RunSummary:
     """How a run ended and what it left."""
 
-    path: Path
+    path: Path | None
+    """The run file; None when nothing was driven, so that none was kept."""
     ending: Ending
     n_completed: int
     n_cycles: int
     stats: dict[str, RecorderStats]
     bytes_written: int
-    duration_s: float
-    """Machine time from the first grant to the end."""
+    cycles_s: float
+    """Sum of the cycles' durations, in the run's own time."""
     warnings: list[str]
 
 
@@ -82,18 +85,10 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
     """
     clock = _start_clock(config, options.speed)
     path = options.output or _default_path(config, clock)
-    inbox = QueueInbox(clock)
-    failures: list[BenchError] = []
     with Closing() as closing:
-        writer = _open_writer(config, path, clock, inbox)
-        ending: list[Ending] = []
-        closing.add("the run file", lambda: _close_writer(writer, ending, failures), limit_s=120.0)
-        try:
-            summary = _Session(config, options, clock, inbox, writer, view, closing).run(ending)
-        except BaseException as error:
-            failures.append(_as_bench_error(error))
-            raise
-    return summary(writer, path)
+        session = _Session(config, options, path, clock, view, closing)
+        session.run()
+    return session.summarise()
 
 
 def check(config: Config, view: RunView, speed: float = 1.0) -> list[Item]:
@@ -123,39 +118,46 @@ class _Session:
     """The steps of one run between opening and closing its file."""
 
     def __init__(
-        self,
-        config: Config,
-        options: RunOptions,
-        clock: RunClock,
-        inbox: Inbox,
-        writer: RunWriter,
-        view: RunView,
-        closing: Closing,
+        self, config: Config, options: RunOptions, path: Path, clock: RunClock, view: RunView, closing: Closing
     ) -> None:
         self._config = config
         self._options = options
+        self._path = path
         self._clock = clock
-        self._inbox = inbox
-        self._writer = writer
         self._view = view
         self._closing = closing
-        self._states = RunStates(clock, writer.put)
+        self._inbox = QueueInbox(clock)
+        self._writer = _open_writer(config, path, clock, self._inbox)
+        closing.add("the run file", self._close_writer, limit_s=CLOSE_FILE_S)
+        self._states = RunStates(clock, self._writer.put)
         self._progress = RunProgress(options.n_cycles)
+        self._ending = Ending(ExitStatus.FAIL, "ended without a reason")
+        self._warnings: list[str] = []
 
-    def run(self, ending: list[Ending]) -> Callable[[RunWriter, Path], RunSummary]:
+    def run(self) -> None:
+        """Connect, check, drive; whatever happens, the ending is known afterwards."""
         try:
             links = self._connect()
             self._preflight(links)
-            ending.append(self._drive(links))
+            self._ending = self._drive(links)
+            self._warn_of_lag(links)
+        except KeyboardInterrupt:
+            self._ending = Ending(ExitStatus.ABORT, "stopped by the operator before the first cycle")
+            self._states.abort(self._ending.reason)
         except BaseException as error:
-            self._states.abort(str(error) or type(error).__name__)
+            self._ending = Ending(ExitStatus.FAIL, str(error) or type(error).__name__)
+            self._states.abort(self._ending.reason)
             raise
         finally:
             self._states.enter(RunState.CLOSING)
-            self._closing_note()
-        warnings = self._find_warnings(links)
+
+    def _close_writer(self) -> None:
         self._states.enter(RunState.DONE)
-        return lambda writer, path: self._summarise(writer, path, ending[0], warnings)
+        if self._progress.run_started_ns < 0:
+            self._writer.discard()  # nothing was driven: the same command must work again once the cause is mended
+            return
+        self._writer.add_metadata("bench.cycles", {"completed": str(self._progress.n_completed)})
+        self._writer.close(exit_status=str(self._ending.status), reason=self._ending.reason)
 
     def _connect(self) -> BenchLinks:
         self._states.enter(RunState.CONNECTING)
@@ -171,8 +173,7 @@ class _Session:
         self._states.enter(RunState.CHECKING)
         simulated = self._config.simulation
         expected_s = self._options.n_cycles * simulated.cycle_s * 1.2 if simulated else None
-        folder = (self._options.output or Path(self._config.run.output_dir)).parent
-        items = _check(self._config, links, self._clock, folder, expected_s)
+        items = _check(self._config, links, self._clock, self._path.parent, expected_s)
         for item in items:
             self._view.show_item(item)
             if item.verdict != "ok":
@@ -182,7 +183,7 @@ class _Session:
 
     def _drive(self, links: BenchLinks) -> Ending:
         self._states.enter(RunState.ARMED)
-        robot = self._config.robot
+        robot, _ = require_devices(self._config)
         engine = RunEngine(
             links.program,
             links.stream,
@@ -192,43 +193,39 @@ class _Session:
             self._clock,
             self._writer.put,
             self._progress,
-            RunLimits(cycle_s=robot.cycle.timeout_s if robot else RunLimits.cycle_s),
+            RunLimits(cycle_s=robot.cycle.timeout_s),
             refresh=lambda: self._view.update(self._progress, self._writer, links, self._clock),
         )
         with _ctrl_c_to(self._inbox), self._view.live():
             return engine.run()
 
-    def _find_warnings(self, links: BenchLinks) -> list[str]:
+    def _warn_of_lag(self, links: BenchLinks) -> None:
         if not links.pace.is_behind:
-            return []
+            return
         lag_s = links.pace.largest_lag_ns / patience_ns(self._clock, 1.0)
-        what = (
-            f"This machine cannot keep up with --speed {self._clock.speed:g}"
-            if self._clock.speed != 1.0
-            else "The robot's stream arrives late"
-        )
+        scaled = self._clock.speed != 1.0
+        cause = f"This machine cannot keep up with --speed {self._clock.speed:g}: the" if scaled else "The"
+        advice = "use a lower --speed" if scaled else "look at the network and at what else this machine does"
         text = (
-            f"{what}: the robot's stream fell {lag_s:.1f} s of machine time behind. "
-            "No cycle or record is lost by that, but arrival times are worth less; use a lower speed."
+            f"{cause} robot's stream arrived up to {lag_s:.1f} s late. No cycle and no record is lost by that, "
+            f"but arrival times are worth less; {advice}."
         )
         self._writer.put(LogEntry(self._clock.now_ns(), Severity.WARN, "run", text))
-        return [text]
+        self._warnings.append(text)
 
-    def _closing_note(self) -> None:
-        self._writer.add_metadata("bench.cycles", {"completed": str(self._progress.n_completed)})
-
-    def _summarise(self, writer: RunWriter, path: Path, ending: Ending, warnings: list[str]) -> RunSummary:
+    def summarise(self) -> RunSummary:
+        """Say how the run ended; after closing."""
         started = self._progress.run_started_ns
-        elapsed_ns = self._clock.now_ns() - started if started >= 0 else 0
+        durations_ns = self._progress.cycle_durations_ns
         return RunSummary(
-            path,
-            ending,
+            self._path if started >= 0 else None,
+            self._ending,
             self._progress.n_completed,
             self._progress.n_cycles,
-            writer.stats,
-            writer.bytes_written,
-            elapsed_ns / patience_ns(self._clock, 1.0),
-            warnings,
+            self._writer.stats,
+            self._writer.bytes_written,
+            sum(durations_ns) * 1e-9,
+            [*self._warnings, *self._closing.notes],
         )
 
 
@@ -280,27 +277,6 @@ def _open_writer(config: Config, path: Path, clock: RunClock, inbox: Inbox) -> R
     )
 
 
-def _close_writer(writer: RunWriter, ending: list[Ending], failures: list[BenchError]) -> None:
-    if ending and not failures:
-        writer.close(exit_status=str(ending[0].status), reason=ending[0].reason)
-        return
-    reason = str(failures[0]) if failures else "ended without a reason"
-    status = ExitStatus.ABORT if failures and isinstance(failures[0], _Interrupted) else ExitStatus.FAIL
-    writer.close(exit_status=str(status), reason=reason)
-
-
-class _Interrupted(BenchError):
-    """Ctrl-C before the first cycle."""
-
-
-def _as_bench_error(error: BaseException) -> BenchError:
-    if isinstance(error, BenchError):
-        return error
-    if isinstance(error, KeyboardInterrupt):
-        return _Interrupted("stopped by the operator before the first cycle")
-    return RecordingError(f"unexpected {type(error).__name__}: {error}")
-
-
 def _default_path(config: Config, clock: RunClock) -> Path:
     moment = datetime.fromtimestamp(clock.utc_ns * 1e-9, UTC)
     return Path(config.run.output_dir) / f"{config.run.name}-{moment:%Y%m%dT%H%M%SZ}.mcap"
@@ -312,16 +288,16 @@ def _discard(_record: Record) -> None:
 
 @contextmanager
 def _ctrl_c_to(inbox: Inbox) -> Iterator[None]:
-    """Turn the first Ctrl-C into a stop after this cycle, the second into an abort."""
+    """Turn the first Ctrl-C into a stop after this cycle; the second, and SIGTERM, into an abort."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     pressed = 0
 
-    def on_signal(_number: int, _frame: object) -> None:
+    def on_signal(number: int, _frame: object) -> None:
         nonlocal pressed
         pressed += 1
-        inbox.put(StopRequested() if pressed == 1 else AbortRequested())
+        inbox.put(StopRequested() if pressed == 1 and number == signal.SIGINT else AbortRequested())
 
     before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
     try:

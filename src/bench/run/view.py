@@ -23,7 +23,7 @@ __all__ = ["RunView"]
 REDRAW_S = 0.25
 PLAIN_LINE_S = 10.0
 """Seconds of machine time between two lines where there is no terminal: a night gives 3 000 lines at most."""
-MARKS = {"ok": "[green]ok[/]", "warn": "[yellow]warn[/]", "fail": "[red]fail[/]"}
+MARKS = {"ok": "[green]ok[/]  ", "warn": "[yellow]warn[/]", "fail": "[red]fail[/]"}
 RECENT_CYCLES = 20
 
 

@@ -1,0 +1,23 @@
+"""``bench check``."""
+
+from __future__ import annotations
+
+from bench.cli.run import ConfigArgument, config_or_simulated
+
+__all__ = ["check"]
+
+
+def check(config: ConfigArgument = None) -> None:
+    """Run the preflight alone: every item with limit, value and verdict. The robot does not move."""
+    settings = config_or_simulated(config)
+    from rich.console import Console
+
+    from bench.run import RunView, verify_items
+    from bench.run import check as check_bench
+
+    view = RunView(Console())
+    items = check_bench(settings, view)
+    for item in items:
+        view.show_item(item)
+    verify_items(items)
+    print("All checks passed." if all(item.verdict == "ok" for item in items) else "Ready, with warnings.")

@@ -1,0 +1,77 @@
+"""``bench run``."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.config import Config, load_config, simulated_config
+
+if TYPE_CHECKING:
+    from bench.run import RunSummary
+
+__all__ = ["ConfigArgument", "config_or_simulated", "run"]
+
+ConfigArgument = Annotated[
+    Path | None, typer.Argument(metavar="[CONFIG]", help="Configuration file. Left out: the simulated bench.")
+]
+
+
+def config_or_simulated(path: Path | None) -> Config:
+    """Load `path`, or the simulated bench on addresses that are free."""
+    if path is not None:
+        return load_config(path)
+    from bench.run import with_free_addresses
+
+    return with_free_addresses(simulated_config())
+
+
+def run(
+    config: ConfigArgument = None,
+    cycles: Annotated[int, typer.Option("--cycles", min=1, help="How many cycles to run.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("--output", help="Run file; left out: OUTPUT_DIR/NAME-TIME.mcap. Never overwritten.")
+    ] = None,
+    speed: Annotated[float, typer.Option("--speed", min=0.1, max=1000, help="Simulated bench: times real time.")] = 1.0,
+    truth: Annotated[
+        Path | None, typer.Option("--truth", help="Simulated bench: what the simulated tracker knew, as Parquet.")
+    ] = None,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen; touch nothing.")] = False,
+) -> None:
+    """Preflight, drive N cycles, record, stop. Ctrl-C once: stop after this cycle. Twice: abort now."""
+    if cycles < 1:
+        raise typer.BadParameter("how many cycles? Give --cycles N, with N at least 1.", param_hint="--cycles")
+    settings = config_or_simulated(config)
+    from rich.console import Console
+
+    from bench.run import RunOptions, RunView, describe_plan
+    from bench.run import run as run_bench
+
+    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth)
+    if dry_run:
+        for line in describe_plan(settings, options):
+            print(line)
+        return
+    summary = run_bench(settings, options, RunView(Console()))
+    _print_summary(summary)
+    if summary.n_completed < summary.n_cycles:
+        raise typer.Exit(4)
+
+
+def _print_summary(summary: RunSummary) -> None:
+    print(f"{summary.n_completed} of {summary.n_cycles} cycles: {summary.ending.reason}.")
+    for text in summary.warnings:
+        print(f"warning: {text}")
+    if summary.path is None:
+        print("Nothing was driven, so no run file was kept.")
+        return
+    received = {topic: stats.received for topic, stats in summary.stats.items()}
+    dropped = sum(stats.dropped for stats in summary.stats.values())
+    missed = sum(stats.missed for stats in summary.stats.values())
+    print(
+        f"{summary.path}: {summary.bytes_written / 1e6:.1f} MB, {received.get('/robot/state', 0)} robot states, "
+        f"{received.get('/tracker/points', 0)} tracker frames, {dropped} dropped, {missed} missed."
+    )
+    print(f"Next: bench report {summary.path}")

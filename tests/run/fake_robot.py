@@ -1,0 +1,106 @@
+"""A robot in the test's own process: implements the Protocols, moves only when the inbox waits."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+
+from bench.errors import DeviceStateError, LinkLostError
+from bench.model import DeviceInfo, Record, RobotState
+from bench.run.inbox import Event, Fault
+from bench.timing import ManualClock
+
+PERIOD_NS = 40_000_000
+STATES_PER_CYCLE = 10
+
+
+class FakeRobot:
+    """StateStream and ProgramControl at once: a program of 10 states a cycle, begun by grants."""
+
+    def __init__(self, clock: ManualClock) -> None:
+        self.clock = clock
+        self.sink: Callable[[Record], None] = lambda _record: None
+        self.granted = 0
+        self.count = 7  # what an earlier run left in the register
+        self.step = -1
+        self.playing = False
+        self.stopped_calls = 0
+        self.tick = 0
+        self.at_tick: dict[int, Callable[[FakeRobot], None]] = {}
+        self.link_broken = False
+
+    def open(self, sink: Callable[[Record], None]) -> DeviceInfo:
+        self.sink = sink
+        return DeviceInfo("robot", "fake", "nowhere", rate_hz=1e9 / PERIOD_NS)
+
+    def grant_cycles(self, total: int) -> None:
+        if self.link_broken:
+            raise LinkLostError("The fake robot's link is broken.")
+        self.granted = total
+
+    def check(self, program: str) -> list[str]:
+        return []
+
+    def load(self, program: str) -> None:
+        if program != "bend_test.urp":
+            raise DeviceStateError(f"no program {program}")
+
+    def play(self) -> None:
+        self.playing, self.count, self.step = True, 0, -1
+
+    def stop(self) -> None:
+        self.playing = False
+        self.stopped_calls += 1
+
+    def close(self) -> None:
+        self.playing = False
+
+    def advance(self) -> None:
+        self.clock.advance_ns(PERIOD_NS)
+        self.tick += 1
+        if self.playing:
+            self._move()
+        if action := self.at_tick.pop(self.tick, None):
+            action(self)
+        self.sink(self._state())
+
+    def _move(self) -> None:
+        if self.step < 0 and self.granted > self.count:
+            self.step = 0
+        elif self.step >= 0:
+            self.step += 1
+            if self.step == STATES_PER_CYCLE:
+                self.count, self.step = self.count + 1, -1
+
+    def _state(self) -> RobotState:
+        time_s = self.tick * PERIOD_NS * 1e-9
+        return RobotState(
+            arrival_ns=self.clock.now_ns(),
+            capture_ns=self.clock.now_ns(),
+            sequence=self.tick,
+            segment=0,
+            controller_time_s=time_s,
+            runtime_state=2 if self.playing else 1,
+            safety_status=1,
+            cycle_count=self.count,
+            cycle_running=int(self.step >= 0),
+        )
+
+
+class PumpingInbox:
+    """An inbox whose waiting makes the fake robot move."""
+
+    def __init__(self, robot: FakeRobot) -> None:
+        self.robot = robot
+        self.events: deque[Event] = deque()
+
+    def put(self, event: Event) -> None:
+        self.events.append(event)
+
+    def wait(self, deadline_ns: int) -> Event | None:
+        while not self.events and self.robot.clock.now_ns() < deadline_ns:
+            self.robot.advance()
+        return self.events.popleft() if self.events else None
+
+    def fail(self, error: Exception) -> None:
+        self.put(Fault(error))
