@@ -30,7 +30,7 @@ FLANGE_CENTRE_M = (-0.52, 0.48)
 LARGEST_SEMI_AXES_M = (0.15, 0.07)
 """Of the curve at amplitude 1: 0.7 m around, at most 0.7 m/s for a cycle of 2 s, near a cobot's usual speed."""
 TOOL_CENTRE_RAD = np.pi + 0.35
-TOOL_SWING_RAD = 0.55
+TOOL_SWING_RAD = 0.7
 N_STEPS = 4096
 """Linear interpolation between this many places is good to 0.2 micrometres."""
 

@@ -1,0 +1,165 @@
+"""What the simulated tracker's cameras see of the cable at one instant."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.config import Config, SimulationConfig
+from bench.model import UNLABELED, RigidBody
+from bench.simulation.cable import Cable
+from bench.simulation.ghosts import Ghosts
+from bench.simulation.layout import Layout
+from bench.simulation.markers import BODY_OFFSETS_M, Markers
+from bench.simulation.program import Motion, PathProgram
+
+__all__ = ["Exposure", "Scene", "TruthSink", "make_layout"]
+
+POINT_CLOUD_SOLVED = 0x02
+HAS_MODEL = 0x08
+UNLABELED_FLAGS = UNLABELED | POINT_CLOUD_SOLVED
+LABELED_FLAGS = HAS_MODEL | POINT_CLOUD_SOLVED
+"""NatNet marker parameters as real packets have them: 18 and 10."""
+FIRST_LOOSE_ID = 50_001
+"""Motive numbers unlabeled points from about here; a real recording has 50007."""
+MARKER_SIZE_M = (0.008, 0.011)
+RESIDUAL_M = (0.00022, 0.00069)
+"""Range of the residual field in a real recording, steady for each marker."""
+
+TruthSink = Callable[[int, int, Motion, npt.NDArray[np.int16]], None]
+"""Takes frame number, mid-exposure host time, motion, and the index of each of the cable's markers in the frame."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Exposure:
+    """All points of one frame, in the order in which the tracker sends them."""
+
+    points_m: npt.NDArray[np.float32]
+    """(n, 3): lab frame."""
+    ids: npt.NDArray[np.uint32]
+    """(n,): body << 16 | member for a rigid body's marker; else a number that changes after each gap."""
+    flags: npt.NDArray[np.uint32]
+    """(n,): NatNet marker parameters, 0x12 unlabeled, 0x0A labeled."""
+    size_m: npt.NDArray[np.float32]
+    residual_m: npt.NDArray[np.float32]
+    bodies: tuple[RigidBody, ...]
+
+
+def make_layout(config: Config) -> Layout:
+    """Return where everything stands for a configuration; its anchor is where `position_m` says, if it does."""
+    return Layout(config.cable.length_m, config.cable.anchor.position_m)
+
+
+class Scene:
+    """The cable's markers, its anchors and the ghosts, seen with noise and gaps, in shuffled order.
+
+    Everything random comes from one generator with the configured seed and depends on the order of exposures only.
+
+    Parameters
+    ----------
+    config : Config
+        Cable and simulation; without a ``[simulation]`` table its defaults.
+    program : PathProgram
+        Tells where the robot is.
+    cable : Cable, optional
+        Left out, it is solved here (a tenth of a second).
+    truth : TruthSink, optional
+        Is given what the scene knows of each exposure.
+    """
+
+    def __init__(
+        self, config: Config, program: PathProgram, *, cable: Cable | None = None, truth: TruthSink | None = None
+    ) -> None:
+        simulation = config.simulation or SimulationConfig()
+        self._program = program
+        self._truth = truth
+        self.cable = cable or Cable(
+            make_layout(config),
+            program.path,
+            weight_n_per_m=simulation.weight_n_per_m,
+            stiffness_nm2=simulation.bending_stiffness_nm2,
+        )
+        self._markers = Markers(config, self.cable)
+        self._noise_m = simulation.noise_mm * 1e-3
+        self._miss_probability = simulation.miss_probability
+        self._rng = np.random.default_rng(simulation.seed)
+        self._ghosts = Ghosts(simulation.ghost_count, self._rng)
+        self.bodies = {body.body_id: (body.name, BODY_OFFSETS_M.copy()) for body in self._markers.bodies}
+        """Rigid bodies by id: name and (4, 3) marker offsets in the body's own coordinates."""
+        self._prepare_points(simulation.ghost_count)
+
+    def expose(self, frame_number: int, host_ns: int) -> Exposure:
+        """Return what is seen at `host_ns`, and hand the truth of it to the truth's sink."""
+        motion = self._program.motion_at(host_ns)
+        markers, n_loose = self._markers, self._markers.n_loose
+        true_m = markers.positions_at(motion.place)
+        self._new_ids(n_loose + self._ghosts.step(true_m[: markers.n_cable]))
+        all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, true_m[n_loose:]])
+        noise = self._rng.normal(scale=self._noise_m, size=all_m.shape)
+        order = self._rng.permutation(self._see())
+        if self._truth is not None:
+            self._truth(frame_number, host_ns, motion, self._sources(order))
+        return Exposure(
+            (all_m + noise)[order].astype(np.float32),
+            self._ids[order],
+            self._flags[order],
+            self._size_m[order],
+            self._residual_m[order],
+            self._pose_bodies(motion.place, all_m, noise),
+        )
+
+    def _prepare_points(self, n_ghosts: int) -> None:
+        # Every point that can ever be seen has its fixed place: loose markers, ghosts, bodies' markers.
+        n_loose, n_bodies = self._markers.n_loose, len(self._markers.bodies)
+        self._first_member = n_loose + n_ghosts
+        n_points = self._first_member + len(BODY_OFFSETS_M) * n_bodies
+        self._ids = np.zeros(n_points, dtype=np.uint32)
+        self._next_id = FIRST_LOOSE_ID
+        self._new_ids(np.arange(self._first_member))
+        members = np.arange(1, len(BODY_OFFSETS_M) + 1, dtype=np.uint32)
+        for index, body in enumerate(self._markers.bodies):
+            start = self._first_member + index * len(members)
+            self._ids[start : start + len(members)] = (body.body_id << 16) | members
+        self._flags = np.full(n_points, UNLABELED_FLAGS, dtype=np.uint32)
+        self._flags[self._first_member :] = LABELED_FLAGS
+        self._size_m = self._rng.uniform(*MARKER_SIZE_M, n_points).astype(np.float32)
+        self._residual_m = self._rng.uniform(*RESIDUAL_M, n_points).astype(np.float32)
+        self._visible = np.ones(n_points, dtype=np.bool_)
+
+    def _new_ids(self, points: npt.NDArray[np.intp]) -> None:
+        # As Motive does: a point that appears gets a number that was never used.
+        if len(points):
+            self._ids[points] = np.arange(self._next_id, self._next_id + len(points), dtype=np.uint32)
+            self._next_id += len(points)
+
+    def _see(self) -> npt.NDArray[np.intp]:
+        """Draw which points are seen; loose markers that come back have new numbers."""
+        if self._miss_probability == 0.0:
+            return np.arange(len(self._ids))
+        n_loose = self._markers.n_loose
+        seen = self._rng.random(n_loose) >= self._miss_probability
+        self._new_ids(np.flatnonzero(seen & ~self._visible[:n_loose]))
+        self._visible[:n_loose] = seen
+        return np.flatnonzero(self._visible)
+
+    def _sources(self, order: npt.NDArray[np.intp]) -> npt.NDArray[np.int16]:
+        place_in_list = np.full(len(self._ids), -1, dtype=np.int16)
+        place_in_list[order] = np.arange(len(order), dtype=np.int16)
+        return place_in_list[: self._markers.n_cable]
+
+    def _pose_bodies(
+        self, place: float, all_m: npt.NDArray[np.float64], noise: npt.NDArray[np.float64]
+    ) -> tuple[RigidBody, ...]:
+        """Return the bodies as the tracker fits them: the centre of gravity of the markers it measured."""
+        bodies, size = self._markers.bodies, len(BODY_OFFSETS_M)
+        if not bodies:
+            return ()
+        shape = (len(bodies), size, 3)
+        centres = (all_m + noise)[self._first_member :].reshape(shape).mean(axis=1).tolist()
+        errors = np.sqrt((noise[self._first_member :].reshape(shape) ** 2).sum(axis=2)).mean(axis=1).tolist()
+        quaternions = self._markers.quaternions_at(place).tolist()
+        rows = zip(bodies, centres, quaternions, errors, strict=True)
+        return tuple(RigidBody(b.body_id, (x, y, z), tuple(q), error) for b, (x, y, z), q, error in rows)
