@@ -1,0 +1,109 @@
+"""The numbers of the report's first screen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.model import Verdict
+from bench.report.results import Results
+
+__all__ = ["Headline", "TightestBend", "find_tightest_bend", "radius_interval_mm", "summarise"]
+
+NAN = float("nan")
+
+
+@dataclass(frozen=True)
+class TightestBend:
+    """The smallest bend radius of the whole run, with its place."""
+
+    cycle_index: int
+    radius_mm: float
+    low_mm: float
+    """Lower end of the interval of two standard deviations of curvature."""
+    high_mm: float
+    """Upper end; infinite where the curvature may be zero, NaN where its standard deviation is unknown."""
+    arc_length_mm: float
+    cycle_phase: float
+    """0…1, NaN when no frame can be named."""
+
+
+@dataclass(frozen=True)
+class Headline:
+    """What a person wants to know first."""
+
+    n_cycles: int
+    n_ok: int
+    limit_mm: float
+    """Catalogue limit of the bend radius."""
+    tightest: TightestBend | None
+    """None when no cycle has a curvature."""
+    n_recorded: int
+    n_dropped: int
+    n_missed: int
+
+    @property
+    def limit_inside_interval(self) -> bool:
+        """Whether the catalogue limit lies inside the tightest bend's interval, so that neither side is certain."""
+        return self.tightest is not None and self.tightest.low_mm < self.limit_mm < self.tightest.high_mm
+
+
+def summarise(results: Results) -> Headline:
+    """Return the numbers of the first screen."""
+    return Headline(
+        n_cycles=int(results.cycles.cycle_index.size),
+        n_ok=sum(verdict == Verdict.OK for verdict in results.cycles.verdict),
+        limit_mm=results.config.cable.minimum_bend_radius_mm,
+        tightest=find_tightest_bend(results),
+        n_recorded=sum(stream.written for stream in results.streams),
+        n_dropped=sum(stream.dropped for stream in results.streams),
+        n_missed=sum(stream.missed for stream in results.streams),
+    )
+
+
+def radius_interval_mm(curvature_per_m: float, sigma_per_m: float) -> tuple[float, float]:
+    """Return the bend radii (mm) two standard deviations of curvature to either side.
+
+    Notes
+    -----
+    R / (1 ± 2 sigma / kappa): not symmetric, for the markers' noise is symmetric in curvature and not in radius.
+    The upper end is infinite where a straight cable is within two standard deviations.
+    """
+    tight, gentle = curvature_per_m + 2 * sigma_per_m, curvature_per_m - 2 * sigma_per_m
+    low = 1e3 / tight if tight > 0 else float("inf")
+    if np.isnan(gentle):
+        return NAN, NAN
+    return low, 1e3 / gentle if gentle > 0 else float("inf")
+
+
+def find_tightest_bend(results: Results) -> TightestBend | None:
+    """Return the largest of the cycles' maxima as a bend radius with its place, None when no cycle has one."""
+    cycles = results.cycles
+    if not np.isfinite(cycles.max_curvature_per_m).any():
+        return None
+    row = int(np.nanargmax(np.where(np.isfinite(cycles.max_curvature_per_m), cycles.max_curvature_per_m, np.nan)))
+    curvature = float(cycles.max_curvature_per_m[row])
+    low, high = radius_interval_mm(curvature, float(cycles.max_curvature_sigma_per_m[row]))
+    return TightestBend(
+        cycle_index=int(cycles.cycle_index[row]),
+        radius_mm=1e3 / curvature if curvature > 0 else float("inf"),
+        low_mm=low,
+        high_mm=high,
+        arc_length_mm=1e3 * float(cycles.max_curvature_arc_length_m[row]),
+        cycle_phase=_phase_of_maximum(results, row),
+    )
+
+
+def _phase_of_maximum(results: Results, row: int) -> float:
+    """Return the phase of the frame whose curvature, at the place of the maximum, comes nearest to it."""
+    frames, cycles = results.frames, results.cycles
+    inside = np.flatnonzero(frames.cycle_index == cycles.cycle_index[row])
+    place = cycles.max_curvature_arc_length_m[row]
+    if not inside.size or not np.isfinite(place):
+        return NAN
+    sample = int(np.abs(results.arc_length_m - place).argmin())
+    apart = np.abs(frames.curvature_per_m[inside, sample] - cycles.max_curvature_per_m[row])
+    if not np.isfinite(apart).any():
+        return NAN
+    return float(frames.cycle_phase[inside[int(np.nanargmin(apart))]])
