@@ -1,0 +1,134 @@
+"""A simulated UR controller: ticks on its own clock, RTDE and dashboard ports on an address of its own."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+from bench.simulation.device_clock import DeviceClock
+from bench.simulation.program import PathProgram
+from bench.simulation.scheduler import Scheduler
+from bench.simulation.ur.dashboard import DashboardSession
+from bench.simulation.ur.machine import CycleRegisters, Machine
+from bench.simulation.ur.network import ServerThread
+from bench.simulation.ur.outbox import Outbox
+from bench.simulation.ur.rtde import RtdeServer, RtdeSession
+from bench.timing import Clock, patience_ns
+
+__all__ = ["UrController"]
+
+CUT_OFF_S = 10.0
+"""A client that does not read is cut off after about 10 s (reported of real controllers)."""
+
+
+class UrController:
+    """Serves one robot to any number of clients.
+
+    Parameters
+    ----------
+    host : str
+        Address to serve on; a loopback address of its own, as clients assume the real ports.
+    program : PathProgram
+        The only program on the controller.
+    scheduler : Scheduler
+        Runs the ticks, and the effects of the dashboard's commands.
+    clock : Clock
+        Host time, for what is measured in it.
+    controller_clock : DeviceClock
+        The controller's clock: 1e9 ticks a second. What it reads at the start is the first `timestamp`.
+    rate_hz : float
+        Ticks a second: 500 for e-Series, 125 for CB3.
+    grant_register, counter_register, running_register, phase_register : int
+        Registers by which the program is granted cycles and tells them.
+    remote_control : bool
+        Whether the robot is in remote control.
+    rtde_port, dashboard_port : int
+        The real controller's ports.
+    """
+
+    def __init__(
+        self,
+        host: str,
+        program: PathProgram,
+        scheduler: Scheduler,
+        clock: Clock,
+        *,
+        controller_clock: DeviceClock,
+        rate_hz: float = 500.0,
+        grant_register: int = 24,
+        counter_register: int = 24,
+        running_register: int = 25,
+        phase_register: int | None = None,
+        remote_control: bool = True,
+        rtde_port: int = 30004,
+        dashboard_port: int = 29999,
+    ) -> None:
+        registers = CycleRegisters(grant_register, counter_register, running_register, phase_register)
+        self.machine = Machine(program, registers, rate_hz)
+        self.remote_control = remote_control
+        """May be switched while clients are connected; each keeps the permission it had when it connected."""
+        self._host = host
+        self._scheduler = scheduler
+        self._clock = clock
+        self._controller_clock = controller_clock
+        self._rate_hz = rate_hz
+        self._ports = (rtde_port, dashboard_port)
+        self._rtde = RtdeServer(self.machine, rate_hz)
+        self._network: ServerThread | None = None
+        self._is_open = False
+        self._tick_number = 0
+
+    def open(self) -> None:
+        """Bind both ports, start serving and schedule the first tick.
+
+        Raises
+        ------
+        ConnectError
+            A port is already in use.
+        """
+        network = ServerThread(patience_ns(self._clock, CUT_OFF_S))
+        try:
+            network.listen(self._host, self._ports[0], self._welcome_rtde)
+            network.listen(self._host, self._ports[1], self._welcome_dashboard)
+        except BaseException:
+            network.close()
+            raise
+        self._network = network
+        self._is_open = True
+        ticks_now = self._controller_clock.ticks_at(self._clock.now_ns())
+        self._tick_number = math.ceil(ticks_now / self._controller_clock.ticks_per_s * self._rate_hz)
+        self._schedule_tick()
+        network.start()
+
+    def close(self) -> None:
+        """Stop ticking, close all connections and end the network's thread. May be called twice."""
+        self._is_open = False
+        if self._network is not None:
+            self._network.close()
+
+    def run_later(self, delay_ns: int, effect: Callable[[int], None]) -> None:
+        """Run `effect(host_ns)` on the scheduler's thread after a delay of the clock."""
+        self._scheduler.call_at(self._clock.now_ns() + delay_ns, effect)
+
+    def _schedule_tick(self) -> None:
+        controller_clock = self._controller_clock
+        due_ns = controller_clock.host_ns_at(self._tick_number / self._rate_hz * controller_clock.ticks_per_s)
+        self._scheduler.call_at(due_ns, self._tick)
+
+    def _tick(self, due_ns: int) -> None:
+        if not self._is_open:
+            return
+        self.machine.tick(self._tick_number, due_ns)
+        self._rtde.send_packages(self._tick_number, self._clock.now_ns())
+        self._tick_number += 1
+        self._schedule_tick()
+
+    def _welcome_rtde(self, outbox: Outbox) -> RtdeSession:
+        session = RtdeSession(self._rtde, outbox)
+        self._rtde.add(session)
+        return session
+
+    def _welcome_dashboard(self, outbox: Outbox) -> DashboardSession:
+        return DashboardSession(
+            self.machine, outbox, self.run_later, self._clock.now_ns, is_remote=lambda: self.remote_control
+        )
