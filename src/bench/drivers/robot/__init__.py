@@ -1,0 +1,46 @@
+"""Robots: the state stream and the control of the robot's own program, chosen by `[robot] kind`."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.config import RobotConfig
+from bench.drivers.base import ProgramControl, StateStream
+from bench.drivers.robot.ur.program import UrDashboardProgram
+from bench.drivers.robot.ur.state import UrStateStream
+from bench.errors import ConfigError, LinkLostError
+from bench.timing import Clock
+
+__all__ = ["make_program_control", "make_state_stream"]
+
+
+def make_state_stream(
+    config: RobotConfig,
+    clock: Clock,
+    *,
+    on_missed: Callable[[str, int], None] | None = None,
+    on_lost: Callable[[LinkLostError], None] | None = None,
+) -> StateStream:
+    """Return the state stream of the configured robot, not yet open.
+
+    Parameters
+    ----------
+    config : RobotConfig
+        The robot.
+    clock : Clock
+        Stamps what arrives.
+    on_missed : callable, optional
+        Called with the topic and the number of samples that never came; from the reader thread.
+    on_lost : callable, optional
+        Called once when the link is lost; from the reader thread.
+    """
+    if config.kind == "ur":
+        return UrStateStream(config, clock, on_missed=on_missed, on_lost=on_lost)
+    raise ConfigError(f"There is no state stream for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
+
+
+def make_program_control(config: RobotConfig, clock: Clock) -> ProgramControl:
+    """Return the program control of the configured robot, not yet open."""
+    if config.kind == "ur":
+        return UrDashboardProgram(config, clock)
+    raise ConfigError(f"There is no program control for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")

@@ -1,0 +1,1 @@
+"""Universal Robots: the state by RTDE, the program by the dashboard server."""

@@ -133,7 +133,7 @@ class SampleReader:
         self._say(SEVERITIES.get(message.level, Severity.INFO), f"The {self._peer} says: {source}{message.text}")
 
     def _say(self, severity: Severity, text: str) -> None:
-        logger.log(int(severity), "%s", text)
+        logger.info("%s", text)
         self._sink(LogEntry(self._clock.now_ns(), severity, "robot", text))
 
 

@@ -155,7 +155,7 @@ class UrStateStream:
     def _report_lost(self, error: LinkLostError, sink: RecordSink) -> None:
         if self._closing:
             return
-        logger.error("%s", error)
+        logger.info("%s", error)
         sink(LogEntry(self._clock.now_ns(), Severity.ERROR, "robot", str(error)))
         if self._on_lost is not None:
             self._on_lost(error)

@@ -1,0 +1,252 @@
+"""Load, play and stop the robot's own program, by the dashboard server of a UR controller.
+
+ur_rtde's dashboard client does the talking (it refuses wrong replies and has time limits); it is imported here only,
+and late, so that everything but driving a robot works where it is not installed.
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from typing import Any
+
+from bench.config import RobotConfig
+from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
+from bench.timing import Clock, patience_ns
+
+__all__ = ["UrDashboardProgram"]
+
+CONNECT_TIMEOUT_MS = 2000
+POLL_S = 0.05
+EFFECT_LIMIT_S = 10.0
+"""A program starts and stops within a second; a slow controller is given ten times that."""
+LOAD_LIMIT_S = 60.0
+"""Loading a program may load its installation too, which takes up to half a minute."""
+REMOTE_CONTROL_SINCE = (5, 6)
+"""First software with remote control (dashboard server manual); CB3 has none."""
+SAFETY_STATUS_SINCE = (5, 4)
+REMOTE_HINT = "Switch the robot to Remote Control on the teach pendant, then start again."
+SAFETY_HINT = "Look at the robot and clear the stop on the teach pendant; bench never does that by itself."
+# What ur_rtde's RuntimeError says when its own 2.5 s limit on an answer passes (measured with 1.6.5).
+TIMED_OUT = "operation canceled"
+
+
+class UrDashboardProgram:
+    """`ProgramControl` of a Universal Robots controller, by its dashboard server.
+
+    Parameters
+    ----------
+    config : RobotConfig
+        Address of the controller.
+    clock : Clock
+        Paces the polling; limits are in the machine's own seconds.
+    effect_limit_s, load_limit_s : float
+        How long the effect of a command, and of loading, may take.
+    """
+
+    def __init__(
+        self,
+        config: RobotConfig,
+        clock: Clock,
+        *,
+        effect_limit_s: float = EFFECT_LIMIT_S,
+        load_limit_s: float = LOAD_LIMIT_S,
+    ) -> None:
+        self._peer = f"controller {config.host}"
+        self._host = config.host
+        self._clock = clock
+        self._effect_limit_s = effect_limit_s
+        self._load_limit_s = load_limit_s
+        self._lock = threading.RLock()
+        self._client: Any = None
+        self.version: tuple[int, ...] = ()
+        """Version of the controller's software, such as (5, 15, 0, 126652)."""
+
+    def open(self) -> None:
+        """Connect to the dashboard server and ask for its version.
+
+        Raises
+        ------
+        ConnectError
+            The controller has no dashboard server that answers.
+        DeviceError
+            ur_rtde is not installed.
+        """
+        with self._lock:
+            self._connect()
+            try:
+                text = self._call("PolyscopeVersion", self._client.polyscopeVersion)
+            except DeviceError as error:
+                self.close()
+                raise ConnectError(
+                    f"The dashboard server of {self._peer} does not tell its version.",
+                    hint="Wait until the robot has started.",
+                ) from error
+            self.version = tuple(int(part) for part in re.findall(r"\d+", str(text))[:4])
+
+    def _connect(self) -> None:
+        try:
+            from dashboard_client import DashboardClient
+        except ImportError as error:
+            raise DeviceError(
+                "The package ur-rtde, which controls the robot's program, is not installed here.",
+                hint="Run the bench on Linux, or install it with: pip install ur-rtde.",
+            ) from error
+        self.close()
+        client = DashboardClient(self._host)
+        try:
+            client.connect(CONNECT_TIMEOUT_MS)
+        except Exception as error:
+            raise ConnectError(
+                f"The dashboard server of {self._peer} (port 29999) does not answer: {_as_clause(error)}.",
+                hint="Check that the robot has started; PolyScope X has no dashboard server and is not supported.",
+            ) from error
+        self._client = client
+
+    def check(self, program: str) -> list[str]:
+        """Return one sentence for each reason why `program` cannot be run now; empty if it can.
+
+        Raises
+        ------
+        LinkLostError, DeviceTimeoutError
+            The controller does not answer any more.
+        """
+        with self._lock:
+            found = [self._check_remote(), self._check_safety(), self._check_mode(), self._check_running(program)]
+        return [sentence for sentence in found if sentence]
+
+    def _check_remote(self) -> str:
+        if self.version < REMOTE_CONTROL_SINCE or self._call("is in remote control", self._client.isInRemoteControl):
+            return ""
+        return f"The {self._peer} is not in remote control. {REMOTE_HINT}"
+
+    def _check_safety(self) -> str:
+        is_new = self.version >= SAFETY_STATUS_SINCE
+        ask = self._client.safetystatus if is_new else self._client.safetymode
+        status = _after_colon(self._call("safety status", ask))
+        return "" if status == "NORMAL" else f"The safety status of {self._peer} is {status}, not NORMAL. {SAFETY_HINT}"
+
+    def _check_mode(self) -> str:
+        mode = _after_colon(self._call("robotmode", self._client.robotmode))
+        if mode == "RUNNING":
+            return ""
+        return (
+            f"The robot mode of {self._peer} is {mode}, not RUNNING. "
+            "Power the robot on and release its brakes on the teach pendant."
+        )
+
+    def _check_running(self, program: str) -> str:
+        state, name = self._program_state()
+        if state == "STOPPED":
+            return ""
+        what = f"'{name}'" if _is_same(name, program) else f"'{name}', another program,"
+        return f"On {self._peer} {what} is {state.lower()} already. Stop it on the teach pendant first."
+
+    def load(self, program: str) -> None:
+        """Load a program and wait until the controller has it.
+
+        Raises
+        ------
+        DeviceStateError
+            The controller has no such program, or does not allow it.
+        DeviceTimeoutError
+            It is not loaded within the limit.
+        """
+        with self._lock:
+            try:
+                self._call(f"load {program}", lambda: self._client.loadURP(program))
+            except DeviceTimeoutError:
+                # The reply may come when everything is loaded, which can outlast ur_rtde's limit on an answer.
+                self._connect()
+            self._wait(lambda: self._has_loaded(program), f"load '{program}'", self._load_limit_s)
+
+    def play(self) -> None:
+        """Start the loaded program, or resume it after a pause, and wait until it plays."""
+        with self._lock:
+            self._call("play", self._client.play)
+            self._wait_for("PLAYING", "play")
+
+    def stop(self) -> None:
+        """Stop the program, if it is not stopped already, and wait until it is."""
+        with self._lock:
+            if self._program_state()[0] == "STOPPED":
+                return
+            self._call("stop", self._client.stop)
+            self._wait_for("STOPPED", "stop")
+
+    def close(self) -> None:
+        """Disconnect. May be called twice, and after an error."""
+        with self._lock:
+            client, self._client = self._client, None
+            if client is not None:
+                with suppress(Exception):
+                    client.disconnect()
+
+    def _program_state(self) -> tuple[str, str]:
+        state, _, name = str(self._call("programState", self._client.programState)).partition(" ")
+        return state, name.strip()
+
+    def _has_loaded(self, program: str) -> bool:
+        return _is_same(_after_colon(self._call("get loaded program", self._client.getLoadedProgram)), program)
+
+    def _wait_for(self, state: str, command: str) -> None:
+        self._wait(lambda: self._program_state()[0] == state, command, self._effect_limit_s)
+
+    def _wait(self, is_reached: Callable[[], bool], command: str, limit_s: float) -> None:
+        """Poll until the effect is seen: the controller replies before it acts."""
+        limit_ns = self._clock.now_ns() + patience_ns(self._clock, limit_s)
+        while not is_reached():
+            if self._clock.now_ns() > limit_ns:
+                raise DeviceTimeoutError(
+                    f"The {self._peer} accepted to {command} but has not done so after {limit_s:g} s.",
+                    hint="Look at the teach pendant: a question or a message may be waiting there.",
+                )
+            self._clock.sleep_until_ns(self._clock.now_ns() + patience_ns(self._clock, POLL_S))
+
+    def _call(self, command: str, method: Callable[[], Any]) -> Any:
+        """Call ur_rtde and turn whatever it raises into one of our errors."""
+        try:
+            return method()
+        except Exception as error:
+            raise self._translate(command, str(error)) from error
+
+    def _translate(self, command: str, said: str) -> DeviceError:
+        text = said.lower()
+        if "file not found" in text or "error while loading" in text:
+            program = command.removeprefix("load ")
+            what = f"has no program '{program}'" if "not found" in text else f"cannot load program '{program}'"
+            return DeviceStateError(
+                f"The {self._peer} {what}.", hint="Check [robot] program: a path below /programs on the controller."
+            )
+        if "remote control mode" in text or "not allowed" in text:
+            return DeviceStateError(
+                f"The {self._peer} is not in remote control and does not allow '{command}'.", hint=REMOTE_HINT
+            )
+        if "failed to execute" in text:
+            return DeviceStateError(
+                f"The {self._peer} refuses '{command}'.",
+                hint="Look at the teach pendant: the robot must be on, its brakes released, no stop active.",
+            )
+        if TIMED_OUT in text:
+            return DeviceTimeoutError(f"The dashboard server of {self._peer} did not answer '{command}' in 2.5 s.")
+        return LinkLostError(
+            f"The dashboard server of {self._peer} did not take '{command}': {_as_clause(said)}.",
+            hint="Check the robot and its network cable.",
+        )
+
+
+def _after_colon(reply: object) -> str:
+    text = str(reply)
+    return text.partition(":")[2].strip() if ":" in text else text.strip()
+
+
+def _is_same(loaded: str, program: str) -> bool:
+    """Tell whether a path on the controller is the program: its folder may be left out."""
+    return f"/{loaded}".endswith("/" + program.lstrip("/"))
+
+
+def _as_clause(said: object) -> str:
+    text = str(said).strip().rstrip(".")
+    return text[:1].lower() + text[1:]
