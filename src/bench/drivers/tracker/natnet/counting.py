@@ -16,7 +16,7 @@ class Place(Enum):
 
     NEXT = "next"
     LATE = "late"
-    """Was counted as missed, and came after all."""
+    """Overtaken by a newer frame on its way; if it was counted as missed, it no longer is."""
     DUPLICATE = "duplicate"
     RESTART = "restart"
     """The tracker's software counts anew: it was restarted, or changed between live and recorded frames."""
@@ -26,8 +26,9 @@ class FrameCounter:
     """Follows the frame numbers of one stream."""
 
     def __init__(self) -> None:
-        self._newest: int | None = None
+        self._first = self._newest = 0
         self._newest_ticks = 0
+        self._recent: OrderedDict[int, int] = OrderedDict()
         self._missing: OrderedDict[int, None] = OrderedDict()
         self.missed = 0
         """Frames that have not come, of all the numbers since the first."""
@@ -40,7 +41,7 @@ class FrameCounter:
         number : int
             The tracker's frame number.
         ticks : int
-            Its capture time by the tracker's clock, which tells a late frame from a new count.
+            Its capture time by the tracker's clock, which tells a late or doubled frame from a new count.
 
         Returns
         -------
@@ -48,29 +49,44 @@ class FrameCounter:
         change : int
             How much the number of missed frames changed: the gap before this frame, or -1 for a late one.
         """
-        newest = self._newest
-        if newest is None:
-            return self._advance(number, ticks, Place.NEXT), 0
-        if number > newest:
-            gap = number - newest - 1
-            self._expect(newest + 1, number)
-            self.missed += gap
-            return self._advance(number, ticks, Place.NEXT), gap
-        if newest - number > REORDER_FRAMES or ticks > self._newest_ticks:
-            self._missing.clear()
-            return self._advance(number, ticks, Place.RESTART), 0
-        if number in self._missing:
-            del self._missing[number]
-            self.missed -= 1
-            return Place.LATE, -1
-        return Place.DUPLICATE, 0
+        if not self._recent:
+            self._begin(number, ticks)
+            return Place.NEXT, 0
+        if number > self._newest:
+            return Place.NEXT, self._advance(number, ticks)
+        if self._recent.get(number) == ticks:
+            return Place.DUPLICATE, 0
+        if self._newest - number <= REORDER_FRAMES and ticks < self._newest_ticks:
+            if number in self._missing:
+                return Place.LATE, self._fill(number, ticks)
+            if number < self._first:
+                return Place.LATE, 0
+        self._begin(number, ticks)
+        return Place.RESTART, 0
 
-    def _advance(self, number: int, ticks: int, place: Place) -> Place:
-        self._newest, self._newest_ticks = number, ticks
-        return place
+    def _begin(self, number: int, ticks: int) -> None:
+        self._recent.clear()
+        self._missing.clear()
+        self._first = self._newest = number
+        self._newest_ticks = self._recent[number] = ticks
 
-    def _expect(self, first: int, stop: int) -> None:
-        for number in range(max(first, stop - REORDER_FRAMES), stop):
-            self._missing[number] = None
-        while len(self._missing) > REORDER_FRAMES:
-            self._missing.popitem(last=False)
+    def _advance(self, number: int, ticks: int) -> int:
+        gap = number - self._newest - 1
+        for absent in range(max(self._newest + 1, number - REORDER_FRAMES), number):
+            self._missing[absent] = None
+        self.missed += gap
+        self._newest = number
+        self._newest_ticks = self._recent[number] = ticks
+        self._forget()
+        return gap
+
+    def _fill(self, number: int, ticks: int) -> int:
+        del self._missing[number]
+        self._recent[number] = ticks
+        self.missed -= 1
+        return -1
+
+    def _forget(self) -> None:
+        for kept in (self._missing, self._recent):
+            while len(kept) > REORDER_FRAMES:
+                kept.popitem(last=False)

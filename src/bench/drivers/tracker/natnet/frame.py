@@ -18,6 +18,7 @@ from bench.drivers.tracker.natnet.wire import Message, Reader, Version, encode_p
 from bench.errors import ProtocolError
 
 __all__ = [
+    "BITSTREAM_CHANGED",
     "BODY",
     "EDIT_MODE",
     "HAS_MODEL",
@@ -50,7 +51,7 @@ POINT = np.dtype(("<f4", (3,)))
 
 HAS_MODEL = 0x08
 """Bit of a marker's params: it belongs to a rigid body."""
-RECORDING, MODELS_CHANGED, EDIT_MODE = 1, 2, 4
+RECORDING, MODELS_CHANGED, EDIT_MODE, BITSTREAM_CHANGED = 1, 2, 4, 8
 """Bits of a frame's params."""
 
 COUNT = Struct("<i")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from struct import Struct
 
-from bench.drivers.tracker.natnet.wire import Message, Reader, Version, encode_packet, pack_text
+from bench.drivers.tracker.natnet.wire import LARGEST_TICKS, Message, Reader, Version, encode_packet, pack_text
 from bench.errors import ProtocolError
 
 __all__ = [
@@ -169,8 +169,16 @@ def encode_echo_response(client_ticks: int, server_ticks: int) -> bytes:
 
 
 def decode_echo_response(payload: bytes) -> tuple[int, int]:
-    """Return the client's ticks and the server's."""
+    """Return the client's ticks and the server's.
+
+    Raises
+    ------
+    ProtocolError
+        Too short, or ticks that no clock has.
+    """
     client, server = Reader(payload, "ECHORESPONSE").unpack(ECHO_RESPONSE)
+    if server > LARGEST_TICKS:
+        raise ProtocolError(f"A NatNet ECHORESPONSE says {server} ticks; at most {LARGEST_TICKS} make sense.")
     return int(client), int(server)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.drivers.tracker.natnet.frame import Frame
+from bench.drivers.tracker.natnet.wire import LARGEST_TICKS
 from bench.errors import ProtocolError
 from bench.model import NO_ID, UNLABELED, RigidBody, StampKind, TrackerFrame
 
@@ -23,12 +24,12 @@ def capture_stamp(frame: Frame) -> tuple[int, StampKind]:
     ProtocolError
         The frame has no stamp at all.
     """
-    if frame.mid_exposure:
+    if 0 < frame.mid_exposure <= LARGEST_TICKS:
         return frame.mid_exposure, StampKind.MID_EXPOSURE
-    if frame.data_received:
+    if frame.mid_exposure == 0 and 0 < frame.data_received <= LARGEST_TICKS:
         return frame.data_received, StampKind.DATA_RECEIVED
     raise ProtocolError(
-        f"Frame {frame.frame_number} carries no camera stamp.",
+        f"Frame {frame.frame_number} carries no camera stamp that can be used.",
         hint="Motive must be in Live mode; a take that is played back has no capture time.",
     )
 
@@ -76,4 +77,5 @@ def _free_points(frame: Frame) -> npt.NDArray[np.float32]:
         return other
     known = np.concatenate([one.points_m for one in frame.marker_sets])
     distance = np.linalg.norm(other[:, None, :] - known[None, :, :], axis=2)
-    return other[~(distance < SAME_PLACE_M).any(axis=1)]
+    free: npt.NDArray[np.float32] = other[~(distance < SAME_PLACE_M).any(axis=1)]
+    return free

@@ -11,7 +11,17 @@ from struct import Struct
 
 from bench.errors import ProtocolError
 
-__all__ = ["HEADER", "LARGEST_PACKET", "Message", "Reader", "Version", "encode_packet", "pack_text", "split_packet"]
+__all__ = [
+    "HEADER",
+    "LARGEST_PACKET",
+    "LARGEST_TICKS",
+    "Message",
+    "Reader",
+    "Version",
+    "encode_packet",
+    "pack_text",
+    "split_packet",
+]
 
 Version = tuple[int, ...]
 """A NatNet or application version, most significant number first; compares as versions do."""
@@ -21,6 +31,8 @@ HEADER = Struct("<HH")
 COUNT = Struct("<i")
 LARGEST_PACKET = 65_507
 """The most a UDP datagram carries over IPv4."""
+LARGEST_TICKS = 2**63 - 1
+"""The most a run file holds. A counter of 10 MHz gets there in 29 000 years, a corrupted one at once."""
 
 
 class Message(IntEnum):

@@ -1,0 +1,131 @@
+"""The UDP socket to the tracker, and the questions asked before the frames are read."""
+
+from __future__ import annotations
+
+import socket
+
+from bench.config import TrackerConfig
+from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
+from bench.errors import ConnectError
+from bench.timing import Clock, patience_ns
+
+__all__ = ["CommandLink"]
+
+RECEIVE_BUFFER_BYTES = 4 << 20
+"""4 MiB hold 4 s of 360 frames a second with 100 markers, should this process be held up."""
+LONGEST_WAIT_S = 0.05
+"""How long `receive` waits, machine time; also how late a keepalive or the end of the reader can be."""
+
+
+class CommandLink:
+    """One UDP socket: in unicast, answers and frames come to the port the questions went out from."""
+
+    def __init__(self, config: TrackerConfig, clock: Clock) -> None:
+        self._config = config
+        self._clock = clock
+        self._socket: socket.socket | None = None
+        self._peer = ("", 0)
+        self.local_address = ""
+
+    @property
+    def name(self) -> str:
+        """Host and port, as the configuration has them."""
+        return f"{self._config.host}:{self._config.command_port}"
+
+    def open(self) -> None:
+        """Bind our end. `ConnectError` if the host has no address, or our own address is not ours."""
+        self._peer = self._resolve()
+        self.local_address = self._config.local_address or self._route()
+        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+            link.settimeout(LONGEST_WAIT_S)
+            link.bind((self.local_address, 0))
+        except OSError as error:
+            link.close()
+            raise ConnectError(
+                f"Our own address {self.local_address} towards the tracker cannot be used: {error.strerror}.",
+                hint="Set [tracker] local_address to an address of this machine, or leave it out.",
+            ) from error
+        self._socket = link
+
+    def close(self) -> None:
+        if self._socket is not None:
+            self._socket.close()
+            self._socket = None
+
+    def send(self, packet: bytes) -> bool:
+        """Send one packet; False if the network refuses it, which the silence that follows will show."""
+        if self._socket is None:
+            return False
+        try:
+            self._socket.sendto(packet, self._peer)
+        except OSError:
+            return False
+        return True
+
+    def receive(self) -> tuple[bytes, int] | None:
+        """Return the next packet of the tracker with its arrival in host time, or None if none came for a while."""
+        if self._socket is None:
+            return None
+        try:
+            packet, sender = self._socket.recvfrom(LARGEST_PACKET)
+        except OSError:
+            return None
+        arrival_ns = self._clock.now_ns()
+        return (packet, arrival_ns) if sender[0] == self._peer[0] else None
+
+    def ask(
+        self, question: bytes, answers: tuple[Message, ...], *, tries: int, wait_s: float
+    ) -> tuple[int, bytes] | None:
+        """Send a question until one of `answers` comes, and return its message number and payload.
+
+        Parameters
+        ----------
+        tries : int
+            How often the question is sent: UDP may lose it, or the answer.
+        wait_s : float
+            Machine time given to each try.
+        """
+        for attempt in range(tries):
+            self.send(question)
+            answer = self._wait_for(answers, wait_s)
+            if answer is not None:
+                if attempt > 0:  # the answer to the first try may come as well, and must not answer the next question
+                    self._wait_for((), wait_s)
+                return answer
+        return None
+
+    def _wait_for(self, wanted: tuple[Message, ...], wait_s: float) -> tuple[int, bytes] | None:
+        deadline_ns = self._clock.now_ns() + patience_ns(self._clock, wait_s)
+        while self._clock.now_ns() < deadline_ns:
+            received = self.receive()
+            if received is None or len(received[0]) < 4:
+                continue
+            message, payload = split_packet(received[0])
+            if message in wanted:
+                return message, payload
+        return None
+
+    def _resolve(self) -> tuple[str, int]:
+        try:
+            found = socket.getaddrinfo(self._config.host, self._config.command_port, socket.AF_INET, socket.SOCK_DGRAM)
+        except OSError as error:
+            raise ConnectError(
+                f"The tracker's host '{self._config.host}' has no address: {error.strerror}.",
+                hint="Set [tracker] host to the address of the PC that runs Motive.",
+            ) from error
+        address, port = found[0][4][:2]
+        return str(address), int(port)
+
+    def _route(self) -> str:
+        """Return our address on the network that leads to the tracker. Nothing is sent."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+            try:
+                probe.connect(self._peer)
+            except OSError as error:
+                raise ConnectError(
+                    f"No network leads to the tracker at {self.name}: {error.strerror}.",
+                    hint="Check the cable and the address of this machine on the tracker's network.",
+                ) from error
+            return str(probe.getsockname()[0])
