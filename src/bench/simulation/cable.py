@@ -53,6 +53,14 @@ class PlaceTable:
         c3, c2, c1, c0 = self._coefficients[step]
         return np.asarray(((c3 * t + c2) * t + c1) * t + c0)
 
+    def at_many(self, places: Floats) -> Floats:
+        """Return the quantities (m, ...) at m places, each 0 to 1."""
+        scaled = np.clip(places, 0.0, 1.0) * self._n_steps
+        steps = np.minimum(scaled.astype(np.intp), self._n_steps - 1)
+        chosen = self._coefficients[steps]
+        t = (scaled - steps).reshape(-1, *(1,) * (chosen.ndim - 2))
+        return np.asarray(((chosen[:, 0] * t + chosen[:, 1]) * t + chosen[:, 2]) * t + chosen[:, 3])
+
 
 class Cable:
     """A heavy, flexible cable clamped at the pole and at the robot's flange, always at rest (quasi-static).

@@ -14,9 +14,10 @@ from bench.simulation.cable import Cable
 from bench.simulation.ghosts import Ghosts
 from bench.simulation.layout import Layout
 from bench.simulation.markers import BODY_OFFSETS_M, Markers
+from bench.simulation.path import JointPath
 from bench.simulation.program import Motion, PathProgram
 
-__all__ = ["Exposure", "Scene", "TruthSink", "make_layout"]
+__all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout"]
 
 POINT_CLOUD_SOLVED = 0x02
 HAS_MODEL = 0x08
@@ -53,6 +54,17 @@ def make_layout(config: Config) -> Layout:
     return Layout(config.cable.length_m, config.cable.anchor.position_m)
 
 
+def make_cable(config: Config, path: JointPath) -> Cable:
+    """Solve the cable of a configuration along a path. `ConfigError` if it cannot be simulated."""
+    simulation = config.simulation or SimulationConfig()
+    return Cable(
+        make_layout(config),
+        path,
+        weight_n_per_m=simulation.weight_n_per_m,
+        stiffness_nm2=simulation.bending_stiffness_nm2,
+    )
+
+
 class Scene:
     """The cable's markers, its anchors and the ghosts, seen with noise and gaps, in shuffled order.
 
@@ -76,12 +88,7 @@ class Scene:
         simulation = config.simulation or SimulationConfig()
         self._program = program
         self._truth = truth
-        self.cable = cable or Cable(
-            make_layout(config),
-            program.path,
-            weight_n_per_m=simulation.weight_n_per_m,
-            stiffness_nm2=simulation.bending_stiffness_nm2,
-        )
+        self.cable = cable or make_cable(config, program.path)
         self._markers = Markers(config, self.cable)
         self._noise_m = simulation.noise_mm * 1e-3
         self._miss_probability = simulation.miss_probability

@@ -1,0 +1,158 @@
+"""The whole simulated bench: robot controller and tracker on addresses of their own, one cable between them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bench.config import Config, RobotConfig, SimulationConfig, TrackerConfig
+from bench.errors import ConfigError
+from bench.simulation.cable import Cable
+from bench.simulation.device_clock import DeviceClock
+from bench.simulation.natnet import NatNetServer
+from bench.simulation.path import JointPath
+from bench.simulation.program import PathProgram
+from bench.simulation.scene import Scene, make_cable, make_layout
+from bench.simulation.scheduler import Scheduler
+from bench.simulation.truth import TruthWriter
+from bench.simulation.ur import UrController
+from bench.timing import Clock
+
+__all__ = ["SimulatedBench"]
+
+TRACKER_TICKS_PER_S = 3_312_787
+"""QueryPerformanceFrequency of a real Motive PC: not the 10 MHz one might assume."""
+TRACKER_TICKS_AT_START = 987_654_321_012
+"""The PC has been on for 3.5 days."""
+ROBOT_S_AT_START = 61.25
+"""A controller answers about a minute after its own clock begins."""
+DATA_PORT = 1511
+DASHBOARD_PORT = 29999
+CB3_RATE_HZ = 125.0
+E_SERIES_RATE_HZ = 500.0
+
+
+class SimulatedBench:
+    """Robot, tracker and cable of one configuration.
+
+    Parameters
+    ----------
+    config : Config
+        Without a ``[simulation]`` table its defaults hold.
+    clock : Clock
+        Host time; the devices' own clocks drift against it as configured.
+    truth : Path, optional
+        Where to write what the simulated tracker knew.
+
+    Raises
+    ------
+    ConfigError
+        A table is missing, or the cable cannot be simulated.
+    RecordingError
+        The truth file exists or cannot be created.
+    """
+
+    def __init__(self, config: Config, clock: Clock, *, truth: Path | None = None) -> None:
+        if config.robot is None or config.tracker is None:
+            missing = "robot" if config.robot is None else "tracker"
+            raise ConfigError(f"A simulated bench needs a [{missing}] table.", hint="See bench_configs/simulated.toml.")
+        self._robot_config, self._tracker_config = config.robot, config.tracker
+        self._simulation = config.simulation or SimulationConfig()
+        self._clock = clock
+        self.scheduler = Scheduler(clock)
+        path = JointPath(make_layout(config).path_amplitude)
+        self.program = PathProgram(config.robot.program, cycle_s=self._simulation.cycle_s, path=path)
+        cable = make_cable(config, path)
+        self._truth = _open_truth(truth, config, cable)
+        self.scene = Scene(config, self.program, cable=cable, truth=self._truth.put if self._truth else None)
+        started_ns = clock.now_ns()
+        self.robot = self._make_robot(config.robot, started_ns)
+        self.tracker = self._make_tracker(config.tracker, started_ns)
+
+    def open(self) -> list[str]:
+        """Bind all ports and return one line for each device that serves.
+
+        Raises
+        ------
+        ConnectError
+            A port is already in use; nothing stays open, and no truth file is left behind.
+        """
+        try:
+            self.robot.open()
+            self.tracker.open()
+        except BaseException:
+            self._close_devices()
+            if self._truth is not None:
+                self._truth.discard()
+            raise
+        robot, tracker = self._robot_config, self._tracker_config
+        robot_ports = f"rtde={robot.rtde_port} dashboard={DASHBOARD_PORT}"
+        tracker_ports = f"command={tracker.command_port} data={DATA_PORT}"
+        return [
+            f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
+            f"ready tracker {tracker.kind} {tracker.host} {tracker_ports} rate_hz={self._simulation.tracker_rate_hz:g}",
+        ]
+
+    def run(self) -> None:
+        """Let simulated time pass until `stop` is called; the caller's thread runs everything timed."""
+        self.scheduler.run()
+
+    def stop(self) -> None:
+        """Make `run` return. May be called from any thread and from a signal handler."""
+        self.scheduler.stop()
+
+    def close(self) -> None:
+        """Close all ports and finish the truth file. `RecordingError` if that could not be written whole."""
+        self._close_devices()
+        if self._truth is not None:
+            self._truth.close()
+
+    def _close_devices(self) -> None:
+        self.tracker.close()
+        self.robot.close()
+
+    def _make_robot(self, robot: RobotConfig, started_ns: int) -> UrController:
+        clock = DeviceClock(started_ns, round(ROBOT_S_AT_START * 1e9), 1e9, self._simulation.robot_clock_ppm)
+        cycle = robot.cycle
+        return UrController(
+            robot.host,
+            self.program,
+            self.scheduler,
+            self._clock,
+            controller_clock=clock,
+            rate_hz=_controller_rate_hz(robot.rate_hz),
+            grant_register=cycle.grant_register,
+            counter_register=cycle.counter_register,
+            running_register=cycle.running_register,
+            phase_register=cycle.phase_register,
+            remote_control=self._simulation.remote_control,
+            rtde_port=robot.rtde_port,
+            dashboard_port=DASHBOARD_PORT,
+        )
+
+    def _make_tracker(self, tracker: TrackerConfig, started_ns: int) -> NatNetServer:
+        ppm = self._simulation.tracker_clock_ppm
+        return NatNetServer(
+            tracker.host,
+            self.scene,
+            self.scheduler,
+            self._clock,
+            tracker_clock=DeviceClock(started_ns, TRACKER_TICKS_AT_START, TRACKER_TICKS_PER_S, ppm),
+            rate_hz=self._simulation.tracker_rate_hz,
+            command_port=tracker.command_port,
+            data_port=DATA_PORT,
+        )
+
+
+def _controller_rate_hz(asked_hz: float) -> float:
+    """Return the tick of a CB3 where that gives the asked rate, as it costs a quarter of an e-Series'."""
+    return CB3_RATE_HZ if CB3_RATE_HZ % asked_hz == 0.0 else E_SERIES_RATE_HZ
+
+
+def _open_truth(path: Path | None, config: Config, cable: Cable) -> TruthWriter | None:
+    if path is None:
+        return None
+    markers = config.cable.arc_length_m
+    arc_length_m = np.linspace(markers[0], markers[-1], config.analysis.arc_length_samples)
+    return TruthWriter(path, cable.curvature(arc_length_m), arc_length_m, len(markers))
