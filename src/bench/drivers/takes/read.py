@@ -1,0 +1,70 @@
+"""Find out by its content what kind of file a take is, and read it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bench.drivers.takes.c3d import is_c3d, read_c3d
+from bench.drivers.takes.motive_csv import read_motive
+from bench.drivers.takes.take import Take, unreadable
+from bench.drivers.takes.text import TextFile, split_cells
+from bench.drivers.takes.tracking_tools import KEYWORDS, read_tracking_tools
+
+__all__ = ["read_take"]
+
+SNIFF_BYTES = 1024
+KNOWN = "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), and C3D files."
+
+
+def read_take(path: Path) -> Take:
+    """Read a take: a Motive or Tracking Tools CSV export, or a C3D file, told apart by what is in it.
+
+    The whole file is looked at once before the first frame is given out, so that an error comes before anything
+    is done with the frames. A CSV is then read again frame by frame, in bounded memory.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    Take
+        Positions in metres, in the tracker's lab frame. Points of formats without labels have flags 0 and
+        `NO_ID`; a Motive export's points have the flags that NatNet gives them, a C3D file's are all unlabeled.
+        Names of points are found by their ids in `TakeInfo.marker_names`.
+
+    Raises
+    ------
+    RecordingError
+        The file is missing, empty, no take, of an unknown version, without markers or frames, or holds a cell
+        that is no number.
+    """
+    start = _start_of(path)
+    if is_c3d(start):
+        return read_c3d(path)
+    file = TextFile.of(path)
+    line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""
+    first = next((cell.strip() for cell in split_cells(line)), "")
+    if first == "Format Version":
+        return read_motive(file)
+    if first.lower() in KEYWORDS:
+        return read_tracking_tools(file)
+    if first.startswith("Format Version"):
+        raise unreadable(path.name, "its cells are not separated by commas", "Export it again from Motive, as CSV.")
+    raise unreadable(path.name, "it is no take that bench knows", KNOWN)
+
+
+def _start_of(path: Path) -> bytes:
+    try:
+        with path.open("rb") as file:
+            start = file.read(SNIFF_BYTES)
+    except OSError as error:
+        raise unreadable(path.name, (error.strerror or str(error)).lower()) from error
+    if not start.strip():
+        raise unreadable(path.name, "it is empty", KNOWN)
+    return start
+
+
+def _is_text(start: bytes) -> bool:
+    """Whether the file may be text: binary files have NUL bytes, and so has UTF-16, but after its mark."""
+    return b"\0" not in start or start[:2] in (b"\xff\xfe", b"\xfe\xff")
