@@ -1,0 +1,23 @@
+"""The run file: written while the test runs, read as numpy columns afterwards."""
+
+from bench.recording.columns import Columns
+from bench.recording.reader import Run, RunStatus, open_run
+from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS
+from bench.recording.writer import RunWriter
+
+__all__ = [
+    "BODIES",
+    "CLOCK",
+    "CYCLE",
+    "FRAME",
+    "LOG",
+    "POINTS",
+    "ROBOT",
+    "STATE",
+    "STATS",
+    "Columns",
+    "Run",
+    "RunStatus",
+    "RunWriter",
+    "open_run",
+]

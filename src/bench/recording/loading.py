@@ -1,0 +1,144 @@
+"""Chosen topics of a run file, in one pass over its chunks, put together to columns."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from bench.errors import RecordingError
+from bench.recording.cdr import CdrError
+from bench.recording.columns import Array, Collector, Columns, make_collector
+from bench.recording.container import Channel, Chunk, Container, DamagedError, read_chunk, read_offsets
+from bench.recording.output import active_path
+from bench.recording.schemas import Schema, load_schema, parse_schema
+from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS
+
+__all__ = ["opened", "read_topics"]
+
+_log = logging.getLogger(__name__)
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[int]:
+    """Open a file for reading; `RecordingError` says why it cannot be."""
+    try:
+        descriptor = os.open(path, os.O_RDONLY)
+    except OSError as error:
+        hint = ""
+        if active_path(path).exists():
+            hint = f"Its recording was not closed: open {active_path(path)}, or rebuild it with `bench salvage`."
+        raise RecordingError(f"{path} cannot be opened: {error.strerror}.", hint=hint) from error
+    try:
+        yield descriptor
+    except OSError as error:  # a folder, or a disk that fails
+        raise RecordingError(f"{path} cannot be read: {error.strerror}.") from error
+    finally:
+        os.close(descriptor)
+
+
+def read_topics(
+    path: Path, container: Container, topics: Iterable[str], frames: Columns | None = None
+) -> dict[str, Columns]:
+    """Read all of `topics` in one pass; `frames` are those of /tracker/frame if they are not among them.
+
+    A damaged chunk is taken out of `container.chunks` and noted in `container.damage`.
+
+    Raises
+    ------
+    RecordingError
+        A topic is none of bench's, or its messages are not what this version can read.
+    """
+    try:
+        collectors = {topic: _make_collector(path, container, topic) for topic in topics}
+        with opened(path) as descriptor:
+            _collect(descriptor, container, collectors)
+        arrays = {topic: collector.columns() for topic, collector in collectors.items()}
+    except (CdrError, MemoryError) as error:
+        raise RecordingError(f"{path} cannot be read: {error}.") from error
+    return _put_together(path, arrays, frames)
+
+
+def _make_collector(path: Path, container: Container, topic: str) -> Collector:
+    if topic not in TOPICS:
+        raise RecordingError(f"'{topic}' is no topic of a run file; there are: {', '.join(TOPICS)}.")
+    channels = [channel for channel in container.channels.values() if channel.topic == topic]
+    schemas = {_read_schema(path, channel).text: _read_schema(path, channel) for channel in channels}
+    if len(schemas) > 1:
+        raise RecordingError(f"{path} holds {topic} in {len(schemas)} different definitions.")
+    schema = next(iter(schemas.values()), load_schema(TOPICS[topic].schema))
+    ids = {channel.id for channel in channels}
+    return make_collector(schema, sum(chunk.counts.get(key, 0) for chunk in container.chunks for key in ids))
+
+
+def _read_schema(path: Path, channel: Channel) -> Schema:
+    """Return the definition that stands in the file: an older or newer one is read by its own layout."""
+    own = TOPICS[channel.topic].schema
+    if not channel.schema_name:
+        return load_schema(own)
+    found = (channel.encoding, channel.schema_encoding, channel.schema_name)
+    if found != ("cdr", "ros2msg", own):
+        raise RecordingError(f"{path} holds {channel.topic} as {' '.join(found)} instead of cdr ros2msg {own}.")
+    return parse_schema(own, channel.schema_text)
+
+
+def _collect(descriptor: int, container: Container, collectors: Mapping[str, Collector]) -> None:
+    wanted = {key: collectors[c.topic] for key, c in container.channels.items() if c.topic in collectors}
+    for chunk in list(container.chunks):
+        if wanted.keys().isdisjoint(chunk.counts):
+            continue
+        try:
+            _collect_chunk(descriptor, chunk, wanted)
+        except DamagedError as error:
+            container.chunks.remove(chunk)
+            n_messages = sum(chunk.counts.values())
+            container.damage.append(f"{n_messages} messages in the chunk at byte {chunk.offset}: {error}")
+            _log.warning("damaged chunk at byte %d, %d messages: %s", chunk.offset, n_messages, error)
+
+
+def _collect_chunk(descriptor: int, chunk: Chunk, wanted: Mapping[int, Collector]) -> None:
+    data = read_chunk(descriptor, chunk)
+    for channel, offsets in read_offsets(descriptor, chunk, data).items():
+        if channel in wanted and len(offsets):
+            wanted[channel].take(data, offsets)
+
+
+def _put_together(path: Path, arrays: dict[str, dict[str, Array]], frames: Columns | None) -> dict[str, Columns]:
+    columns = {topic: Columns(_rename(topic, found)) for topic, found in arrays.items()}
+    frames = columns.get(FRAME, frames)
+    if frames is not None and POINTS in columns:
+        columns[POINTS] = Columns({**frames, **_verify_points(path, columns[POINTS], frames)})
+    if frames is not None and BODIES in columns:
+        columns[BODIES] = Columns({**columns[BODIES], **_assign_bodies(path, columns[BODIES], frames)})
+    return columns
+
+
+def _rename(topic: str, arrays: dict[str, Array]) -> dict[str, Array]:
+    names = TOPICS[topic].columns
+    renamed = {names.get(name, name): array for name, array in arrays.items()}
+    if topic == LOG:
+        renamed["host_ns"] = renamed["log_time_ns"]
+    return renamed
+
+
+def _verify_points(path: Path, points: Columns, frames: Columns) -> Columns:
+    """Points and description of a frame are written together; check that they still belong together."""
+    same = len(points.sequence) == len(frames.sequence) and all(
+        np.array_equal(points[name], frames[name]) for name in ("sequence", "log_time_ns")
+    )
+    if not same or not np.array_equal(np.diff(points.offsets), frames.n_points):
+        raise RecordingError(f"{path}: {POINTS} and {FRAME} do not belong together; another program has changed it.")
+    return points
+
+
+def _assign_bodies(path: Path, bodies: Columns, frames: Columns) -> dict[str, Array]:
+    """Return which bodies belong to which frame, both ways."""
+    offsets = np.zeros(len(frames.n_bodies) + 1, np.int64)
+    np.cumsum(frames.n_bodies, out=offsets[1:])
+    if offsets[-1] != len(bodies.body_id):
+        raise RecordingError(f"{path}: {BODIES} and {FRAME} do not belong together; another program has changed it.")
+    return {"offsets": offsets, "frame_index": np.repeat(np.arange(len(frames.n_bodies)), frames.n_bodies)}

@@ -1,0 +1,143 @@
+"""The file under a recording: created beside its final name, made durable, published without overwriting."""
+
+from __future__ import annotations
+
+import errno
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
+
+__all__ = ["OutputFile", "active_path", "explain_os_error"]
+
+_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+def active_path(path: Path) -> Path:
+    """Return the name of a recording while it is being written."""
+    return path.with_name(path.name + ".active")
+
+
+def explain_os_error(error: OSError, path: Path) -> BenchError:
+    """Return the sentence that belongs to an error while writing `path`."""
+    reason = error.strerror or str(error)
+    if error.errno in _FULL:
+        return DiskFullError(
+            f"The disk cannot take more of {path}: {reason}.", hint="Free some space, or set run.output_dir elsewhere."
+        )
+    return RecordingError(f"{path} cannot be written: {reason}.", hint="Check the disk and the folder's permissions.")
+
+
+class OutputFile:
+    """A new file ``<path>.active`` that becomes `path` when it is complete.
+
+    Parameters
+    ----------
+    path : Path
+        The final name. Its folder is created if it is missing.
+
+    Raises
+    ------
+    RecordingExistsError
+        `path` or its active name exists; nothing is touched.
+    RecordingError
+        The folder or the file cannot be created.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.active = active_path(path)
+        with _explained(path):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            _verify_absent(path)
+            _verify_absent(self.active)
+            try:
+                self.stream = self.active.open("xb")
+            except FileExistsError:
+                _verify_absent(self.active)
+                raise
+
+    def sync(self) -> None:
+        """Return when everything written is on the disk, under the name it is expected under.
+
+        Raises
+        ------
+        OSError
+            The disk refuses, or the file was moved or deleted while it was being written.
+        """
+        self.stream.flush()
+        os.fdatasync(self.stream.fileno())
+        there, here = self.active.stat(), os.fstat(self.stream.fileno())
+        if (there.st_dev, there.st_ino) != (here.st_dev, here.st_ino):
+            raise FileNotFoundError(errno.ENOENT, "the file was replaced by another", str(self.active))
+
+    def sync_folder(self) -> None:
+        """Make the file's name durable: without it, a crash may leave a file that no folder lists."""
+        descriptor = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)
+
+    def close(self) -> None:
+        """Close without publishing: what is readable stays under the active name."""
+        with suppress(OSError):  # a full disk refuses the last bytes once more
+            self.stream.close()
+
+    def discard(self) -> None:
+        """Close and delete: for a recording that never began."""
+        self.close()
+        with suppress(OSError):
+            self.active.unlink()
+
+    def publish(self) -> None:
+        """Give the synced file its final name.
+
+        Raises
+        ------
+        RecordingExistsError
+            The final name was taken meanwhile; the recording keeps its active name.
+        OSError
+            The folder does not take the new name.
+        """
+        self.stream.close()
+        try:
+            os.link(self.active, self.path)
+        except FileExistsError as error:
+            raise _taken(self.path, f"The recording is complete in {self.active}.") from error
+        except OSError as error:
+            if error.errno not in {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}:
+                raise
+            self._rename_without_links()
+        else:
+            self.active.unlink()
+        self.sync_folder()
+
+    def _rename_without_links(self) -> None:
+        """Take the name first, for file systems that have no hard links (exFAT, some network shares)."""
+        try:
+            self.path.open("xb").close()
+        except FileExistsError as error:
+            raise _taken(self.path, f"The recording is complete in {self.active}.") from error
+        self.active.replace(self.path)
+
+
+def _verify_absent(path: Path) -> None:
+    if os.path.lexists(path):
+        unfinished = path.name.endswith(".active")
+        hint = "An earlier run did not finish it: `bench salvage` reads it. " if unfinished else ""
+        raise _taken(path, hint + "Choose another --output, or move the old file away.")
+
+
+def _taken(path: Path, hint: str) -> RecordingExistsError:
+    return RecordingExistsError(f"{path} exists already and is not overwritten.", hint=hint)
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise explain_os_error(error, path) from error

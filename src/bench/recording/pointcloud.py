@@ -1,0 +1,107 @@
+"""The markers of one exposure as `sensor_msgs/msg/PointCloud2`, the one point message every viewer draws.
+
+Frame and field names are always the same, so all that changes between two messages stands at fixed places, and the
+points of a whole chunk can be read at once.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.model import TrackerFrame
+from bench.recording.cdr import CdrError, Layout, decode, encode
+from bench.recording.schemas import load_schema
+
+__all__ = ["CLOUD_SCHEMA", "CLOUD_TAIL_SIZE", "POINT", "encode_cloud", "split_stamp", "verify_cloud"]
+
+CLOUD_SCHEMA = "sensor_msgs/msg/PointCloud2"
+POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("residual", "<f4"), ("id", "<u4"), ("flags", "<u4")])
+"""One point as it stands in the message; lengths in metres, lab frame."""
+
+_FLOAT32, _UINT32 = 7, 6  # sensor_msgs/msg/PointField
+_NS_PER_S = 1_000_000_000
+_LAST_SECOND = 2**31 - 1  # builtin_interfaces/msg/Time counts seconds in an int32
+
+
+def _empty_cloud() -> bytes:
+    kinds = {name: POINT[name].kind for name in POINT.names or ()}
+    fields = [
+        {"name": name, "offset": 4 * i, "datatype": _UINT32 if kind == "u" else _FLOAT32, "count": 1}
+        for i, (name, kind) in enumerate(kinds.items())
+    ]
+    values: dict[str, Any] = {
+        "header": {"frame_id": "lab"},
+        "height": 1,
+        "fields": fields,
+        "point_step": POINT.itemsize,
+    }
+    return encode(load_schema(CLOUD_SCHEMA), values)
+
+
+_EMPTY = _empty_cloud()
+_LAYOUT = Layout.of(load_schema(CLOUD_SCHEMA), _EMPTY)
+_POINTS_AT = _LAYOUT.offset_of("data")
+_WIDTH_AT = _LAYOUT.offset_of("width")
+_STAMP_AT = _LAYOUT.offset_of("header.stamp.sec")
+_ROW_AT = _LAYOUT.offset_of("row_step")
+_TAIL = _EMPTY[_POINTS_AT:]
+CLOUD_TAIL_SIZE = len(_TAIL)
+"""Bytes after the points: `is_dense`."""
+_CHANGING = {"header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "width", "row_step", "data"}
+_STAMP = struct.Struct("<iI")
+_WIDTH = struct.Struct("<I")
+_ROW = struct.Struct("<II")  # row_step, then the length of the data: no padding between two uint32
+
+
+def encode_cloud(frame: TrackerFrame) -> bytes:
+    """Encode the points of one frame.
+
+    Raises
+    ------
+    ValueError
+        The frame's arrays are not of the same length.
+    """
+    points = _pack_points(frame)
+    out = bytearray(_EMPTY[:_POINTS_AT])
+    _STAMP.pack_into(out, _STAMP_AT, *split_stamp(frame.capture_ns))
+    _WIDTH.pack_into(out, _WIDTH_AT, len(points))
+    _ROW.pack_into(out, _ROW_AT, points.nbytes, points.nbytes)
+    out += points.tobytes()
+    out += _TAIL
+    return bytes(out)
+
+
+def verify_cloud(values: Mapping[str, Any]) -> None:
+    """Raise `CdrError` if a decoded cloud has other fields than ours, or lays them out in another way."""
+    ours = decode(load_schema(CLOUD_SCHEMA), _EMPTY)
+    for path in ours.keys() | values.keys():
+        if path not in _CHANGING and ours.get(path) != values.get(path):
+            raise CdrError(f"{path} of a point cloud is {values.get(path)!r} instead of {ours.get(path)!r}")
+
+
+def split_stamp(unix_ns: int) -> tuple[int, int]:
+    """Return seconds and nanoseconds as a ROS stamp holds them, times outside its range at its bounds."""
+    sec, nanosec = divmod(max(unix_ns, 0), _NS_PER_S)
+    return min(sec, _LAST_SECOND), nanosec
+
+
+def _pack_points(frame: TrackerFrame) -> npt.NDArray[np.uint32]:
+    n = len(frame.points_m)
+    if not len(frame.residual_m) == len(frame.ids) == len(frame.flags) == n:
+        raise ValueError(f"frame {frame.frame_number}: {n} points, but not as many residuals, ids and flags")
+    packed = np.empty((n, 6), np.uint32)
+    packed[:, :3] = _bits(frame.points_m)
+    packed[:, 3] = _bits(frame.residual_m)
+    packed[:, 4] = frame.ids
+    packed[:, 5] = frame.flags
+    return packed
+
+
+def _bits(lengths_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
+    """Return the floats' bit patterns, so that even the payload of a NaN is kept."""
+    return np.ascontiguousarray(lengths_m, np.float32).view(np.uint32)

@@ -1,0 +1,233 @@
+"""A run file as numpy columns. Finished, unfinished and damaged files are read alike; the status says which it is.
+
+Opening reads the record headers only. A topic is read when it is first asked for, and kept; as every chunk holds
+every topic, asking for several topics at once with `Run.load` unpacks the file only once for all of them.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+
+from bench.config import Config, parse_config
+from bench.errors import RecordingError, RecordingUnfinishedError
+from bench.model import DeviceInfo, RecorderStats
+from bench.recording.columns import Columns
+from bench.recording.container import Container, DamagedError, scan_container
+from bench.recording.loading import opened, read_topics
+from bench.recording.topics import BODIES, FRAME, POINTS, STATS
+
+__all__ = ["Run", "RunStatus", "open_run"]
+
+
+@dataclass(frozen=True, slots=True)
+class RunStatus:
+    """How much of a run is in its file."""
+
+    complete: bool
+    """The file was closed by its recorder and every part that was read is undamaged."""
+    text: str
+    """One sentence for people."""
+    lost: str
+    """What is missing, in words; empty if nothing is. (What was dropped while recording is in `Run.totals`.)"""
+    bytes_read: int
+    """Bytes that could be understood, from the start."""
+    bytes_total: int
+    """Size of the file."""
+
+
+def open_run(path: str | Path) -> Run:
+    """Open a run file: ``x.mcap``, or the ``x.mcap.active`` of a recording that was not closed.
+
+    Raises
+    ------
+    RecordingError
+        There is no such file, or it is no recording of bench.
+    RecordingUnfinishedError
+        It ends before anything could be read from it.
+    """
+    path = Path(path)
+    with opened(path) as descriptor:
+        container = _scan(descriptor, path)
+    if "bench.run" not in container.metadata:
+        if container.finished:
+            raise RecordingError(
+                f"{path} is an MCAP file, but not a recording of bench (it has no metadata 'bench.run').",
+                hint="`bench import` takes Motive CSV and C3D files.",
+            )
+        raise RecordingUnfinishedError(f"{path} holds nothing that can be read: {container.problem}.")
+    return Run(path, container)
+
+
+def _scan(descriptor: int, path: Path) -> Container:
+    if os.fstat(descriptor).st_size == 0:
+        raise RecordingUnfinishedError(f"{path} is empty.", hint="The recording ended before it began.")
+    try:
+        return scan_container(descriptor)
+    except DamagedError as error:
+        raise RecordingError(f"{path} {error}.", hint="`bench import` takes Motive CSV and C3D files.") from error
+
+
+class Run:
+    """One run file. Made by `open_run`; safe to keep, as no file stays open.
+
+    Examples
+    --------
+    >>> run = open_run("run.mcap")  # doctest: +SKIP
+    >>> run["/robot/state"].q_rad.shape  # doctest: +SKIP
+    (250000, 6)
+    """
+
+    def __init__(self, path: Path, container: Container) -> None:
+        self.path = path
+        """Where the file is."""
+        self.metadata: dict[str, dict[str, str]] = container.metadata
+        """Metadata records by name; of two with one name, the later one's values count."""
+        self._container = container
+        self._loaded: dict[str, Columns] = {}
+
+    @property
+    def status(self) -> RunStatus:
+        """How much of the run is in its file. Damage inside a chunk is found when a topic is read."""
+        return _describe_status(self._container, self.exit_status)
+
+    @property
+    def topics(self) -> dict[str, int]:
+        """Messages by topic, of the chunks that can be read."""
+        return _count_by_topic(self._container)
+
+    @cached_property
+    def config(self) -> Config:
+        """The configuration the run was made with; `ConfigError` if this version cannot read it."""
+        return parse_config(self.config_toml, f"the configuration in {self.path}")
+
+    @property
+    def config_toml(self) -> str:
+        """The configuration as it stands in the file."""
+        return self.metadata.get("bench.config", {}).get("toml", "")
+
+    @property
+    def run_id(self) -> str:
+        """Unique name of the run."""
+        return self.metadata["bench.run"].get("run_id", "")
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of what took part in the recording."""
+        run = self.metadata["bench.run"]
+        return {key.removeprefix("version."): text for key, text in run.items() if key.startswith("version.")}
+
+    @property
+    def exit_status(self) -> str:
+        """How the run ended: success, abort, fail; ``unfinished`` if its recorder never closed the file."""
+        return self.metadata.get("bench.end", {}).get("exit_status", "unfinished")
+
+    @property
+    def exit_reason(self) -> str:
+        """Why it ended so."""
+        return self.metadata.get("bench.end", {}).get("reason", "")
+
+    @cached_property
+    def devices(self) -> list[DeviceInfo]:
+        """What each device said of itself."""
+        prefix = "bench.device."
+        return [_read_device(values) for name, values in sorted(self.metadata.items()) if name.startswith(prefix)]
+
+    @cached_property
+    def totals(self) -> dict[str, RecorderStats]:
+        """What became of the records by topic: as written at the end, or in an unfinished run as last known."""
+        end = self.metadata.get("bench.end", {})
+        return _read_totals(end) if end else _last_stats(self[STATS])
+
+    def __getitem__(self, topic: str) -> Columns:
+        """Return a topic's columns; a topic without messages has columns of length 0."""
+        if topic not in self._loaded:
+            self.load([topic])
+        return self._loaded[topic]
+
+    def load(self, topics: Iterable[str]) -> None:
+        """Read several topics in one pass over the file.
+
+        Raises
+        ------
+        RecordingError
+            A topic is none of bench's, or its messages are not what this version can read.
+        """
+        missing = [topic for topic in dict.fromkeys(topics) if topic not in self._loaded]
+        if FRAME not in self._loaded and not {POINTS, BODIES}.isdisjoint(missing):
+            missing = list(dict.fromkeys([FRAME, *missing]))
+        if missing:
+            frames = self._loaded.get(FRAME)
+            self._loaded |= read_topics(self.path, self._container, missing, frames)
+
+
+def _count_by_topic(container: Container) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for chunk in container.chunks:
+        for channel_id, n in chunk.counts.items():
+            if channel_id in container.channels:
+                topic = container.channels[channel_id].topic
+                counts[topic] = counts.get(topic, 0) + n
+    return counts
+
+
+def _read_device(values: Mapping[str, str]) -> DeviceInfo:
+    return DeviceInfo(
+        device=values.get("device", ""),
+        kind=values.get("kind", ""),
+        address=values.get("address", ""),
+        version=values.get("version", ""),
+        rate_hz=float(values.get("rate_hz", "nan")),
+        bodies={int(key): name for key, name in json.loads(values.get("bodies", "{}")).items()},
+        detail=json.loads(values.get("detail", "{}")),
+    )
+
+
+def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
+    return {
+        topic: RecorderStats(
+            host_ns=int(end.get("ended_ns", "0")),
+            topic=topic,
+            received=total["received"],
+            written=total["written"],
+            dropped=total["dropped"],
+            missed=total["missed"],
+            queue_high_water=int(end.get("queue_high_water", "0")),
+            sync_ms=float(end.get("longest_sync_ms", "nan")),
+        )
+        for topic, total in json.loads(end.get("totals", "{}")).items()
+    }
+
+
+def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
+    names = ("host_ns", "topic", "received", "written", "dropped", "missed", "queue_high_water", "sync_ms")
+    rows = zip(*(columns[name].tolist() for name in names), strict=True)
+    return {row[1]: RecorderStats(*row) for row in rows}
+
+
+def _describe_status(container: Container, exit_status: str) -> RunStatus:
+    lost = [*container.damage]
+    if not container.finished:
+        lost.insert(0, "what was received in about the last second before the recording broke off")
+    n_messages = sum(_count_by_topic(container).values())
+    read = f"{n_messages} messages{_describe_end(container)}"
+    if container.finished:
+        text = f"complete: {read}, exit status {exit_status}" if not lost else f"damaged: {read} could be read"
+    else:
+        text = f"unfinished: {read} were read, then {container.problem}"
+    return RunStatus(not lost, text, "; ".join(lost), container.end, container.size)
+
+
+def _describe_end(container: Container) -> str:
+    if not container.chunks:
+        return ""
+    last = max(chunk.end_ns for chunk in container.chunks)
+    try:
+        return f" up to {datetime.fromtimestamp(last * 1e-9, tz=UTC):%Y-%m-%d %H:%M:%S} UTC"
+    except (ValueError, OverflowError, OSError):  # a damaged time
+        return ""
