@@ -13,7 +13,6 @@ from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch, Rectangle
 from matplotlib.patheffects import withStroke
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from bench.report.figures.axes import cell_edges, say_nothing_to_show
 from bench.report.figures.svg import INK, drawing, new_figure, to_svg
@@ -93,6 +92,12 @@ def _draw_limit_contour(axes: Axes, results: Results) -> list[Patch]:
     return [Patch(facecolor="none", edgecolor=LIMIT_LINE, linewidth=1.5, label=label)]
 
 
+def _scale_ticks_mm(low_mm: float, high_mm: float, limit_mm: float) -> list[float]:
+    """Return round numbers between the ends of the scale that leave room for the limit's own label."""
+    candidates = [digit * 10.0**power for power in range(-3, 8) for digit in (1, 2, 5)]
+    return [tick for tick in candidates if low_mm <= tick <= high_mm and abs(np.log(tick / limit_mm)) > 0.2]
+
+
 def _mark_markers(axes: Axes, results: Results) -> None:
     """Set a small triangle at each marker's place along the right edge."""
     place = 1e3 * results.marker_arc_length_m
@@ -103,9 +108,9 @@ def _mark_markers(axes: Axes, results: Results) -> None:
 def _add_scale(figure: Figure, axes: Axes, picture: QuadMesh, limit_mm: float) -> None:
     scale = figure.colorbar(picture, ax=axes, pad=0.02, aspect=26)
     scale.set_label("bend radius (mm)")
-    scale.ax.yaxis.set_major_locator(LogLocator(10, subs=(1.0, 2.0, 5.0)))
-    scale.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    scale.ax.yaxis.set_minor_formatter(NullFormatter())
+    ticks = _scale_ticks_mm(picture.norm.vmin or limit_mm, picture.norm.vmax or limit_mm, limit_mm)
+    scale.set_ticks([*ticks, limit_mm], labels=[*(f"{tick:g}" for tick in ticks), f"{limit_mm:g} limit"])
+    scale.minorticks_off()
     scale.ax.axhline(limit_mm, color=LIMIT_LINE, linewidth=2.2)
     scale.ax.invert_yaxis()  # tight bends on top, where the eye begins
     scale.outline.set_linewidth(0.5)

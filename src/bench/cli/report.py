@@ -1,0 +1,147 @@
+"""``bench report``."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from bench.config import Config, load_config
+from bench.errors import BenchError, ConfigError, RecordingExistsError
+from bench.model import Outcome
+
+if TYPE_CHECKING:
+    from bench.report.results import Results
+
+__all__ = ["report"]
+
+EXIT_CODES = {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.ERROR: 6}
+"""ERROR is the bench's fault: there is no verdict on the cable, so the analysis did not succeed."""
+OUTPUTS = ("report.html", "summary.json", "cycles.parquet", "markers.parquet", "curvature.parquet")
+GATES = ("minimum_bend_radius_mm", "stretch", "axial_stiffness_n", "max_tension_n", "shorten")
+"""Keys of [cable] that are limits of the analysis and not facts about the cable that was recorded."""
+
+
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN.mcap…", help="Run files, each analysed by itself.")],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            metavar="DIR",
+            help="Folder for the results; several runs: DIR/NAME. Left out: RUN without .mcap.",
+        ),
+    ] = None,
+    config: Annotated[
+        Path | None,
+        typer.Option("--config", help="Take [analysis] and the cable's limits from here, not from the recording."),
+    ] = None,
+) -> None:
+    """Analyse run files: sorted markers, curvature and bend radius per cycle, tables and report.html.
+
+    Exit code 0: outcome PASS. 1: FAIL, the cable was bent tighter than its limit. 6: ERROR, the bench was at fault and
+    there is no verdict; also when the analysis itself cannot be done. A take without a robot passes when the limit
+    holds. Of several runs the largest code counts. Results that exist are never overwritten (exit code 5).
+    """
+    settings = load_config(config) if config else None
+    folders = _output_folders(runs, output)
+    for folder in folders:
+        _verify_free(folder)
+    if len(runs) == 1:
+        raise typer.Exit(_report_one(runs[0], folders[0], settings))
+    codes = [_report_or_say(run, folder, settings) for run, folder in zip(runs, folders, strict=True)]
+    raise typer.Exit(max(codes))
+
+
+def _output_folders(runs: Sequence[Path], output: Path | None) -> list[Path]:
+    """Return one folder for each run; raise `ConfigError` when two runs would share one."""
+    if output is None:
+        folders = [run.parent / _stem(run) for run in runs]
+    elif len(runs) == 1:
+        folders = [output]
+    else:
+        folders = [output / _stem(run) for run in runs]
+    shared = [folder for folder, count in Counter(folders).items() if count > 1]
+    if shared:
+        raise ConfigError(
+            f"More than one run would be reported into {shared[0]}.", hint="Report them one by one, each with --output."
+        )
+    return folders
+
+
+def _stem(run: Path) -> str:
+    """Return the run's name without .mcap (or .mcap.active, when it was never finished)."""
+    name = run.name.removesuffix(".active")
+    stem = name.removesuffix(".mcap")
+    return stem if stem and stem != run.name else f"{run.name}-report"
+
+
+def _verify_free(folder: Path) -> None:
+    if folder.exists() and not folder.is_dir():
+        raise RecordingExistsError(f"{folder} is a file, not a folder.", hint="Choose another --output.")
+    taken = [name for name in OUTPUTS if (folder / name).exists()]
+    if taken:
+        raise RecordingExistsError(
+            f"{folder} already holds {', '.join(taken)}; results are not overwritten.",
+            hint="Choose another --output, or move them away.",
+        )
+
+
+def _report_or_say(run: Path, folder: Path, settings: Config | None) -> int:
+    """Report one of several runs: what is wrong with it must not keep the others from being reported."""
+    try:
+        return _report_one(run, folder, settings)
+    except BenchError as error:
+        print(f"error: {run}: {error}", file=sys.stderr)
+        return error.exit_code
+
+
+def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
+    # The figures' and the tables' libraries take half a second to load, which `bench --help` does not spend.
+    from bench.recording import open_run
+    from bench.report.html import write_report
+    from bench.report.pipeline import analyse_run
+    from bench.report.tables import write_tables
+
+    run = open_run(path)
+    results = analyse_run(run, _with_limits(run.config, settings, path) if settings else run.config)
+    folder.mkdir(parents=True, exist_ok=True)
+    write_tables(results, folder)
+    page = write_report(results, folder)
+    _print_summary(results, page)
+    return EXIT_CODES[results.outcome]
+
+
+def _with_limits(recorded: Config, settings: Config, path: Path) -> Config:
+    """Return the recording's configuration with the analysis and the cable's limits of `settings`."""
+    if settings.cable.arc_length_m != recorded.cable.arc_length_m:
+        print(
+            f"warning: {path} was recorded with other marker places than --config gives; the recording's are kept.",
+            file=sys.stderr,
+        )
+    limits = {name: getattr(settings.cable, name) for name in GATES}
+    cable = recorded.cable.model_copy(update=limits)
+    return recorded.model_copy(update={"analysis": settings.analysis, "cable": cable})
+
+
+def _print_summary(results: Results, page: Path) -> None:
+    from bench.report.headline import summarise
+    from bench.report.wording import describe_interval, describe_outcome, describe_place, say_mm
+
+    headline = summarise(results)
+    print(f"{results.outcome.value}: {' '.join(describe_outcome(results, headline))}")
+    print(f"cycles: {headline.n_ok} of {headline.n_cycles} ok")
+    bend = headline.tightest
+    if bend is not None:
+        measured = f"{say_mm(bend.radius_mm)} mm, {describe_interval(bend)}"
+        print(f"smallest bend radius: {measured}; limit {headline.limit_mm:g} mm; {describe_place(bend)}")
+    n_frames = results.frames.frame_number.size
+    if results.analysis_s > 0:
+        print(
+            f"analysis: {n_frames} frames in {results.analysis_s:.1f} s ({n_frames / results.analysis_s:.0f} frames/s)"
+        )
+    print(f"report: {page}")

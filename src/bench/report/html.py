@@ -1,0 +1,207 @@
+"""``report.html``: one file that opens offline in any browser, prints on A4, and asks the network for nothing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
+
+from bench.errors import RecordingExistsError
+from bench.report.figures import (
+    bend_map_figure,
+    completeness_figure,
+    cycles_figure,
+    cycles_per_group,
+    example_figure,
+    n_points_outside,
+)
+from bench.report.headline import Headline, summarise
+from bench.report.methods import describe_methods, warn_about_clamps
+from bench.report.results import Results
+from bench.report.wording import (
+    describe_clocks,
+    describe_cycles,
+    describe_ending,
+    describe_interval,
+    describe_losses,
+    describe_outcome,
+    describe_place,
+    find_worst_residual_us,
+    say_count,
+    say_mm,
+    say_number,
+    say_percent,
+    say_utc,
+)
+
+__all__ = ["ATTENTION_ROWS", "REPORT_NAME", "render_report", "write_report"]
+
+REPORT_NAME = "report.html"
+ATTENTION_ROWS = 200
+"""Most rows in the table of odd cycles: four printed pages; the rest is in ``cycles.parquet``."""
+
+
+@dataclass(frozen=True)
+class _OddCycle:
+    """One row of the table of cycles that need a look; everything as text."""
+
+    index: int
+    start: str
+    duration: str
+    verdict: str
+    complete: str
+    curvature: str
+    radius: str
+    place: str
+    reasons: list[str]
+
+
+def write_report(results: Results, folder: Path) -> Path:
+    """Write ``report.html`` into `folder`, which is made when it does not exist.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    RecordingExistsError
+        The folder already holds a report.
+    """
+    page = render_report(results)
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / REPORT_NAME
+    try:
+        with path.open("x", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(page)
+    except FileExistsError as error:
+        raise RecordingExistsError(
+            f"{path} exists already and is not overwritten.", hint="Choose another --output, or move it away."
+        ) from error
+    return path
+
+
+def render_report(results: Results) -> str:
+    """Return the text of the page; the same results give the same text."""
+    environment = Environment(
+        loader=PackageLoader("bench.report"),
+        autoescape=True,  # names come from configurations and devices: none of them is trusted
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(mm=say_mm, number=say_number, count=say_count, percent=say_percent, utc=say_utc)
+    return environment.get_template("report.html.j2").render(_context(results))
+
+
+def _context(results: Results) -> dict[str, Any]:
+    headline = summarise(results)
+    odd = sorted(results.attention)
+    return {
+        "results": results,
+        "headline": headline,
+        "outcome": describe_outcome(results, headline),
+        "ending": describe_ending(results),
+        "cautions": _cautions(results, headline),
+        "cycles": describe_cycles(headline),
+        "interval": describe_interval(headline.tightest) if headline.tightest else "",
+        "place": describe_place(headline.tightest) if headline.tightest else "",
+        "losses": describe_losses(headline),
+        "clocks": describe_clocks(results.clocks),
+        "worst_residual_us": find_worst_residual_us(results.clocks),
+        "figures": _figures(results),
+        "captions": _captions(results),
+        "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
+        "n_odd": len(odd),
+        "methods": describe_methods(results),
+        "files": FILES,
+    }
+
+
+FILES = {
+    "cycles.parquet": "one row per cycle: times, verdict, largest curvature and smallest bend radius",
+    "markers.parquet": "one row per tracker frame: the sorted markers, in the lab frame",
+    "curvature.parquet": "one row per tracker frame: curvature and its standard deviation along the cable",
+    "summary.json": "the numbers of this report's first page, versions and methods",
+}
+
+
+def _cautions(results: Results, headline: Headline) -> list[str]:
+    """Return what the reader must know before believing the numbers of the first screen."""
+    undecided = (
+        "The limit lies inside the interval of the smallest bend radius: by noise alone it may be on either side."
+        if headline.limit_inside_interval
+        else ""
+    )
+    return [text for text in (undecided, warn_about_clamps(results), *results.warnings) if text]
+
+
+def _figures(results: Results) -> dict[str, Markup]:
+    """Return the figures as markup: made here, and every word in them escaped by their maker."""
+    makers = {
+        "example": example_figure,
+        "cycles": cycles_figure,
+        "completeness": completeness_figure,
+        "bend_map": bend_map_figure,
+    }
+    return {name: Markup(make(results)) for name, make in makers.items()}  # noqa: S704 - SVG of our own making
+
+
+def _captions(results: Results) -> dict[str, str]:
+    return {"example": _example_caption(results), "cycles": _cycles_caption(results)}
+
+
+def _example_caption(results: Results) -> str:
+    example = results.example
+    if example is None:
+        return ""
+    place = "outside any cycle" if example.cycle_index < 0 else f"cycle {example.cycle_index}"
+    if np.isfinite(example.cycle_phase):
+        place += f", phase {example.cycle_phase:.3f}"
+    outside = n_points_outside(example)
+    beyond = f"; {outside} of them outside the picture" if outside else ""
+    return f"Frame {example.frame_number}, {place}: {example.points_m.shape[0]} points recorded{beyond}."
+
+
+def _cycles_caption(results: Results) -> str:
+    value = results.cycles.max_curvature_per_m
+    value = value[np.isfinite(value) & (value > 0)]
+    if not value.size:
+        return ""
+    radius_mm = 1e3 / value
+    typical = (
+        f"Smallest bend radius of a cycle: median {say_mm(float(np.median(radius_mm)))} mm, "
+        f"from {say_mm(float(radius_mm.min()))} to {say_mm(float(radius_mm.max()))} mm."
+    )
+    size = cycles_per_group(results.cycles.cycle_index.size)
+    return typical if size == 1 else f"{typical} {size} neighbouring cycles share one place along the axis."
+
+
+def _odd_cycle(results: Results, index: int) -> _OddCycle:
+    """Return the row of one cycle; a cycle without a row of its own in the table still shows its reasons."""
+    cycles = results.cycles
+    rows = np.flatnonzero(cycles.cycle_index == index)
+    if not rows.size:
+        return _OddCycle(index, "–", "–", "–", "–", "–", "–", "–", results.attention[index])
+    row = int(rows[0])
+    return _OddCycle(
+        index=index,
+        start=say_utc(int(cycles.start_ns[row])),
+        duration=say_number(float(cycles.duration_s[row]), 2),
+        verdict=str(cycles.verdict[row]),
+        complete=say_percent(float(cycles.complete_fraction[row])),
+        curvature=_with_band(float(cycles.max_curvature_per_m[row]), float(cycles.max_curvature_sigma_per_m[row])),
+        radius=say_mm(float(cycles.min_bend_radius_mm[row])),
+        place=say_mm(1e3 * float(cycles.max_curvature_arc_length_m[row])),
+        reasons=results.attention[index],
+    )
+
+
+def _with_band(value: float, sigma: float) -> str:
+    band = f" ± {say_number(2 * sigma, 2)}" if np.isfinite(sigma) and np.isfinite(value) else ""
+    return say_number(value, 2) + band
