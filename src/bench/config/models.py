@@ -181,7 +181,10 @@ class AnalysisConfig(Section):
         0.2, gt=0, le=50, description="Standard deviation of a marker's position; 0.12-0.74 mm measured on OptiTrack."
     )
     gate_tolerance_mm: float = Field(
-        0.0, ge=0, le=100, description="Added to both sides of every spacing gate: placement error of the markers."
+        4.0,
+        ge=0,
+        le=100,
+        description="Added to both sides of every spacing gate: two markers taped to ±2 mm are ±4 mm apart.",
     )
     arc_length_samples: int = Field(100, ge=4, le=2000, description="Places along the cable where curvature is given.")
     slow_cycle_ratio: float = Field(
