@@ -1,0 +1,60 @@
+"""Sorting, curvature and cycles as functions on arrays; no files, no sockets, no configuration.
+
+Frames come as one flat list of points with offsets: the points of frame f are ``points_m[offsets[f]:offsets[f + 1]]``.
+"""
+
+from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
+from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
+from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, map_by_phase, summarise_cycles
+from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
+from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
+from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.gaps import Gaps, find_gaps
+from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
+from bench.analysis.verdicts import CycleVerdicts, judge_cycles
+
+__all__ = [
+    "ESTIMATORS",
+    "SORTERS",
+    "TRUSTED_CONFIDENCE",
+    "AlignedClock",
+    "BodyMatch",
+    "CounterColumns",
+    "CurveEstimate",
+    "CurveEstimator",
+    "CycleBends",
+    "CycleTable",
+    "CycleVerdicts",
+    "Gaps",
+    "SegmentClock",
+    "SortSettings",
+    "SortedMarkers",
+    "Sorter",
+    "SpacingGates",
+    "StaticMarker",
+    "align_by_arrival",
+    "align_by_echo",
+    "centre_of_labeled",
+    "exclude_near",
+    "find_cycles",
+    "find_gaps",
+    "find_static_marker",
+    "fit_spline",
+    "gather_positions",
+    "get_estimator",
+    "get_sorter",
+    "interpolate_curve",
+    "judge_cycles",
+    "locate_static_marker",
+    "make_gates",
+    "map_by_phase",
+    "match_body",
+    "phase_from_register",
+    "phase_from_time",
+    "sort_by_chain",
+    "spread_frames",
+    "summarise_cycles",
+    "whole_take",
+]

@@ -125,7 +125,8 @@ def _join(maps: list[ClockMap], ticks: Ints) -> Ints:
     nominal = maps[0].nominal_ns_per_tick
     away = (host - host[0]) - (knots - knots[0]) * nominal
     elapsed = (ticks - knots[0]).astype(np.float64)
-    return host[0] + np.rint(elapsed * nominal + np.interp(elapsed, knots - knots[0], away)).astype(np.int64)
+    line = elapsed * nominal + np.interp(elapsed, knots - knots[0], away)
+    return np.asarray(host[0] + np.rint(line).astype(np.int64), dtype=np.int64)
 
 
 def _describe(

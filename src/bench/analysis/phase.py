@@ -55,7 +55,7 @@ def phase_from_register(table: CycleTable, robot: CounterColumns, row: Ints, hos
     inside = row >= 0
     moments = (host_ns[inside] - origin).astype(np.float64)
     phase[inside] = np.interp(moments, (knots[order] - origin).astype(np.float64), values[order])
-    return np.clip(phase, 0.0, 1.0)
+    return np.asarray(np.clip(phase, 0.0, 1.0), dtype=np.float64)
 
 
 def _usual_range(row: Ints, phase: Floats) -> float:

@@ -1,0 +1,102 @@
+"""The tracker's frames in the robot's cycles, and one row of figures for each cycle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis import (
+    CycleTable,
+    CycleVerdicts,
+    find_cycles,
+    judge_cycles,
+    phase_from_register,
+    phase_from_time,
+    summarise_cycles,
+    whole_take,
+)
+from bench.config import AnalysisConfig
+from bench.report.results import CycleColumns
+from bench.report.source import RobotSamples, TrackerFrames
+from bench.report.trace import TracedCable
+
+__all__ = ["PlacedFrames", "describe_cycles", "place_frames"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedFrames:
+    """Each of F frames in its cycle."""
+
+    table: CycleTable
+    verdicts: CycleVerdicts
+    row: Ints
+    """(F,): row of the cycle in `table`, -1 outside any."""
+    cycle_index: Ints
+    """(F,): -1 outside any cycle."""
+    phase: Floats
+    """(F,): NaN outside any cycle."""
+    method: str
+
+
+def place_frames(frames: TrackerFrames, robot: RobotSamples | None, config: AnalysisConfig) -> PlacedFrames:
+    """Find the cycles, judge them, and say of every frame in which cycle and where in it it was taken.
+
+    By the robot's counter; without a robot, or if so configured, the whole recording is cycle 0.
+    """
+    if robot is None or config.cycles == "whole":
+        table, method = _whole_recording(frames), "whole take"
+    else:
+        table, method = find_cycles(robot.counter), "robot's counter"
+    row = table.locate(frames.time_ns)
+    phase = phase_from_register(table, robot.counter, row, frames.time_ns) if robot and method != "whole take" else None
+    if phase is None:
+        phase, how = phase_from_time(table, row, frames.time_ns), "phase by time"
+    else:
+        how = "phase by the robot's register"
+    index = np.full(len(row), -1, dtype=np.int64)
+    index[row >= 0] = table.cycle_index[row[row >= 0]]
+    robot_gaps = robot.gaps if robot else None
+    verdicts = judge_cycles(table, np.sort(frames.time_ns), frames.gaps, robot_gaps, config.slow_cycle_ratio)
+    return PlacedFrames(table, verdicts, row, index, phase, f"{method}, {how}")
+
+
+def describe_cycles(placed: PlacedFrames, traced: TracedCable) -> CycleColumns:
+    """Return one row of figures for each cycle."""
+    table = placed.table
+    bends = summarise_cycles(
+        placed.row,
+        len(table.cycle_index),
+        traced.complete,
+        traced.trusted,
+        traced.curve.curvature_per_m,
+        traced.curve.sigma_per_m,
+        traced.arc_length_m,
+    )
+    with np.errstate(divide="ignore"):
+        radius_mm = 1e3 / bends.max_curvature_per_m
+    return CycleColumns(
+        cycle_index=table.cycle_index,
+        start_ns=table.start_ns,
+        end_ns=table.end_ns,
+        duration_s=table.duration_s,
+        n_frames=bends.n_frames,
+        verdict=[str(verdict) for verdict in placed.verdicts.verdict],
+        complete_fraction=bends.complete_fraction,
+        max_curvature_per_m=bends.max_curvature_per_m,
+        max_curvature_sigma_per_m=bends.max_curvature_sigma_per_m,
+        max_curvature_arc_length_m=bends.max_curvature_arc_length_m,
+        min_bend_radius_mm=radius_mm,
+        mean_curvature_per_m=bends.mean_curvature_per_m,
+    )
+
+
+def _whole_recording(frames: TrackerFrames) -> CycleTable:
+    if len(frames) == 0:
+        table = whole_take(0, 0)
+        return CycleTable(*(getattr(table, name)[:0] for name in table.__dataclass_fields__))
+    return whole_take(int(frames.time_ns.min()), int(frames.time_ns.max()))

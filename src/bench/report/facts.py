@@ -1,0 +1,97 @@
+"""What was run, in words: devices, program, times, sample; and the versions of what took part."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+import numpy as np
+
+from bench.config import Config, to_toml
+from bench.report.outcome import IMPORT, UNFINISHED, RunEnd
+from bench.report.results import CycleColumns
+from bench.report.source import RecordedRun, TrackerFrames
+
+__all__ = ["find_versions", "hash_config", "read_run_end", "state_facts"]
+
+
+def hash_config(config: Config) -> str:
+    """Return the SHA-256 of the resolved configuration, defaults included."""
+    return hashlib.sha256(to_toml(config).encode()).hexdigest()
+
+
+def find_versions(run: RecordedRun) -> dict[str, str]:
+    """Return the versions that recorded and those that analyse."""
+    recorded = run.metadata.get("bench.run", {})
+    versions = {
+        f"recorded with {key.removeprefix('version.')}": text
+        for key, text in recorded.items()
+        if key.startswith("version.")
+    }
+    versions["bench"] = version("cable-bench")
+    versions["python"] = platform.python_version()
+    versions["numpy"] = np.__version__
+    return versions
+
+
+def read_run_end(run: RecordedRun) -> RunEnd:
+    """Return how the run ended; a file without an end is unfinished."""
+    end = run.metadata.get("bench.end")
+    if end is None:
+        return RunEnd(UNFINISHED, f"the file is {run.status}")
+    is_take = run.config.robot is None and "/robot/state" not in _filled_topics(run)
+    status = end.get("exit_status", UNFINISHED)
+    return RunEnd(IMPORT if is_take and status == "success" else status, end.get("reason", ""))
+
+
+def state_facts(run: RecordedRun, frames: TrackerFrames, cycles: CycleColumns, config: Config) -> dict[str, str]:
+    """Return what was run, in the order shown; what is not known is left out."""
+    recorded = run.metadata.get("bench.run", {})
+    facts = {
+        "Run": config.run.name,
+        "Sample": config.run.sample_id,
+        "Operator": config.run.operator,
+        "Started": recorded.get("started_utc", ""),
+        "Duration": _duration(frames),
+        "Cycles": str(len(cycles.cycle_index)),
+        "Frames": f"{len(frames)}",
+        "Cable": _cable(config),
+        "Program": config.robot.program if config.robot else "",
+        "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
+        "Recorded on": recorded.get("host_name", ""),
+        "Run id": recorded.get("run_id", ""),
+    }
+    for device in run.devices:
+        facts[device.device.capitalize()] = " ".join(
+            word for word in (device.kind, device.version, f"at {device.address}" if device.address else "") if word
+        )
+    return {name: text for name, text in facts.items() if text}
+
+
+def _filled_topics(run: RecordedRun) -> set[str]:
+    return {topic for topic in run.topics if len(run[topic].get("log_time_ns", ()))}
+
+
+def _duration(frames: TrackerFrames) -> str:
+    if len(frames) < 2:
+        return ""
+    first, last = int(frames.time_ns.min()), int(frames.time_ns.max())
+    seconds = (last - first) * 1e-9
+    if first < 86_400 * 10**9:  # a take that does not say when it began
+        return f"{seconds:.1f} s"
+    begun = datetime.fromtimestamp(first * 1e-9, tz=UTC)
+    return f"{seconds:.1f} s of frames from {begun:%Y-%m-%d %H:%M:%S} UTC"
+
+
+def _cable(config: Config) -> str:
+    cable = config.cable
+    return (
+        f"{cable.length_m * 1e3:g} mm long, {cable.diameter_mm:g} mm thick, {len(cable.arc_length_m)} markers, "
+        f"bend radius at least {cable.minimum_bend_radius_mm:g} mm"
+    )
+
+
+def _speed(text: str) -> str:
+    return "" if float(text) == 1.0 else f"{float(text):g} times real time (simulated bench)"

@@ -1,0 +1,219 @@
+"""Which points may be the cable's and where its chain starts: the paper's two cases."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis import (
+    CycleTable,
+    SortSettings,
+    StaticMarker,
+    centre_of_labeled,
+    exclude_near,
+    find_static_marker,
+    locate_static_marker,
+    match_body,
+    spread_frames,
+)
+from bench.config import AnchorConfig, CableConfig, Config
+from bench.errors import AnalysisError
+from bench.model import UNLABELED
+from bench.report.source import RecordedRun, TrackerFrames
+
+__all__ = ["ChainStart", "find_chain_start", "make_sort_settings"]
+
+Bools = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+HAS_MODEL = 0x08
+"""NatNet's bit for a marker that the tracker gives to a rigid body or a skeleton."""
+SCANNED_CYCLES = 2
+"""Cycles in which the static marker is looked for."""
+LOW_PRESENCE = 0.5
+
+
+@dataclass(eq=False)
+class ChainStart:
+    """What the sorter is given besides the points."""
+
+    usable: Bools
+    """(N,): points that may be the cable's."""
+    anchor_m: Floats | None = None
+    """(F, 3): where the chain starts, NaN where unknown; None for a cable without anchor."""
+    warnings: list[str] = field(default_factory=list)
+    facts: dict[str, str] = field(default_factory=dict)
+
+
+def make_sort_settings(config: Config) -> SortSettings:
+    """Return what a sorter knows of the configured cable."""
+    cable = config.cable
+    tolerance_m = config.analysis.gate_tolerance_mm * 1e-3
+    return SortSettings(cable.arc_length_m, cable.stretch_ratio, cable.shorten, tolerance_m)
+
+
+def find_chain_start(run: RecordedRun, frames: TrackerFrames, config: Config, table: CycleTable) -> ChainStart:
+    """Take out the points that are not the cable's, and find the anchor in every frame.
+
+    Raises
+    ------
+    AnalysisError
+        The configured rigid body is not in the recording, or no static marker is found.
+    """
+    start = ChainStart(usable=~_is_labeled(frames.flags))
+    if len(frames.points_m) == 0:
+        start.warnings.append("The tracker saw no markers: check the cameras' exposure and the markers' reflection.")
+        start.anchor_m = np.full((len(frames), 3), np.nan)
+        return start
+    bodies = _Bodies(run, frames)
+    start.usable &= ~bodies.is_body
+    anchor, end = config.cable.anchor, config.cable.end
+    if end is not None:
+        _exclude_end(start, frames, end, bodies, table)
+    if anchor.kind == "rigid_body":
+        start.anchor_m = _body_anchor(start, bodies, anchor.name)
+    elif anchor.kind == "static_marker":
+        _set_static_anchor(start, frames, config, table)
+    else:
+        start.facts["Anchor"] = "none: the chain is found by its spacings"
+    start.warnings.extend(bodies.warnings)
+    return start
+
+
+def _is_labeled(flags: npt.NDArray[np.uint32]) -> Bools:
+    return np.asarray((flags & HAS_MODEL != 0) & (flags & UNLABELED == 0), dtype=bool)
+
+
+class _Bodies:
+    """The recording's rigid bodies: poses by name, and which points are their own markers."""
+
+    def __init__(self, run: RecordedRun, frames: TrackerFrames) -> None:
+        self._frames = frames
+        tracker = next((device for device in run.devices if device.device == "tracker"), None)
+        self.names = dict(tracker.bodies) if tracker else {}
+        self.is_body = np.zeros(len(frames.points_m), dtype=bool)
+        self.warnings: list[str] = []
+        self._centres: dict[int, Floats] = {}
+        markers = _recorded_body_markers(run)
+        for body_id, name in self.names.items():
+            if name in markers:
+                self._match(body_id, name, markers[name])
+
+    def centre(self, body_id: int) -> Floats:
+        """Return the body's centre of gravity in each frame, (F, 3)."""
+        if body_id in self._centres:
+            return self._centres[body_id]
+        position, _ = self._poses(body_id)
+        own = _is_labeled(self._frames.flags) & (self._frames.ids >> 16 == body_id)
+        return centre_of_labeled(self._frames.points_m, self._frames.offsets, own, position)
+
+    def id_of(self, name: str) -> int:
+        """Return the id of the body of that name; `AnalysisError` if the recording has none."""
+        for body_id, known in self.names.items():
+            if known == name:
+                return body_id
+        known_names = ", ".join(f"'{known}'" for known in self.names.values()) or "none"
+        raise AnalysisError(
+            f"The recording has no rigid body '{name}'; it has: {known_names}.",
+            hint="Correct the name in the [cable] table of a copy of the configuration and give it with --config.",
+        )
+
+    def _match(self, body_id: int, name: str, markers_m: Floats) -> None:
+        position, quaternion = self._poses(body_id)
+        found = match_body(self._frames.points_m, self._frames.offsets, position, quaternion, markers_m)
+        n_expected = int(np.isfinite(position[:, 0]).sum()) * len(markers_m)
+        if found.is_body.sum() * 2 >= n_expected:
+            self.is_body |= found.is_body
+            self._centres[body_id] = found.centre_m
+        elif not self._has_labels(body_id):
+            self.warnings.append(
+                f"Fewer than half of the markers of the rigid body '{name}' are where its pose puts them: "
+                "they may be taken for the cable's."
+            )
+
+    def _has_labels(self, body_id: int) -> bool:
+        return bool((_is_labeled(self._frames.flags) & (self._frames.ids >> 16 == body_id)).any())
+
+    def _poses(self, body_id: int) -> tuple[Floats, Floats]:
+        bodies, n_frames = self._frames.bodies, len(self._frames)
+        mine = bodies.body_id == body_id
+        position, quaternion = np.full((n_frames, 3), np.nan), np.full((n_frames, 4), np.nan)
+        position[bodies.frame[mine]] = bodies.position_m[mine]
+        quaternion[bodies.frame[mine]] = bodies.quaternion_xyzw[mine]
+        return position, quaternion
+
+
+def _recorded_body_markers(run: RecordedRun) -> Mapping[str, Floats]:
+    """Return the markers (m, 3) of rigid bodies in their own frames, by name, as the tracker's description has them."""
+    described: dict[str, Floats] = {}
+    for device in run.devices:
+        if device.device == "tracker" and "body_markers" in device.detail:
+            for name, markers in json.loads(device.detail["body_markers"]).items():
+                described[name] = np.array(markers, dtype=np.float64).reshape(-1, 3)
+    return {name: markers for name, markers in described.items() if len(markers)}
+
+
+def _body_anchor(start: ChainStart, bodies: _Bodies, name: str) -> Floats:
+    anchor = bodies.centre(bodies.id_of(name))
+    n_lost = int(np.isnan(anchor[:, 0]).sum())
+    start.facts["Anchor"] = f"centre of gravity of the rigid body '{name}'"
+    if n_lost:
+        start.warnings.append(
+            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: they are not sorted."
+        )
+    return anchor
+
+
+def _exclude_end(
+    start: ChainStart, frames: TrackerFrames, end: AnchorConfig, bodies: _Bodies, table: CycleTable
+) -> None:
+    """Take out the markers of the cable's other end; those of rigid bodies are out already."""
+    if end.kind == "rigid_body":
+        bodies.id_of(end.name)
+    elif end.kind == "static_marker" and end.position_m is not None:
+        marker = _locate(start, frames, end.position_m, table)
+        start.usable = exclude_near(frames.points_m, frames.offsets, start.usable, marker.position_m)
+    elif end.kind == "static_marker":
+        start.warnings.append("[cable.end] has no position_m: its marker is not told from the cable's.")
+
+
+def _set_static_anchor(start: ChainStart, frames: TrackerFrames, config: Config, table: CycleTable) -> None:
+    configured = config.cable.anchor.position_m
+    if configured is None:
+        settings = make_sort_settings(config)
+        scanned = _scanned_frames(frames, table)
+        marker = find_static_marker(frames.points_m, frames.offsets, start.usable, scanned, settings)
+    else:
+        marker = _locate(start, frames, configured, table)
+    start.usable = exclude_near(frames.points_m, frames.offsets, start.usable, marker.position_m)
+    start.anchor_m = np.broadcast_to(marker.position_m, (len(frames), 3))
+    _describe_static(start, marker, config.cable)
+
+
+def _describe_static(start: ChainStart, marker: StaticMarker, cable: CableConfig) -> None:
+    place = ", ".join(f"{value:.4f}" for value in marker.position_m)
+    how = "found" if cable.anchor.position_m is None else "configured"
+    start.facts["Anchor"] = f"static marker at ({place}) m, {how}, seen in {marker.presence:.0%} of the scanned frames"
+    if marker.presence < LOW_PRESENCE:
+        start.warnings.append(f"The static marker at ({place}) m is seen in only {marker.presence:.0%} of the frames.")
+
+
+def _locate(
+    start: ChainStart, frames: TrackerFrames, position_m: tuple[float, float, float], table: CycleTable
+) -> StaticMarker:
+    scanned = _scanned_frames(frames, table)
+    return locate_static_marker(frames.points_m, frames.offsets, start.usable, scanned, np.array(position_m))
+
+
+def _scanned_frames(frames: TrackerFrames, table: CycleTable) -> Ints:
+    """Return frames spread over the first completed cycles, in which the robot moves; else over the whole take."""
+    moving = np.flatnonzero(table.complete)[:SCANNED_CYCLES]
+    row = table.locate(frames.time_ns)
+    inside = np.flatnonzero(np.isin(row, moving))
+    chosen = inside if len(inside) else np.arange(len(frames))
+    return chosen[spread_frames(0, len(chosen))]

@@ -1,0 +1,105 @@
+"""The verdict on the run: PASS, FAIL for the cable, ERROR for the bench; and the cycles that need a look."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis import CycleVerdicts
+from bench.model import ExitStatus, Outcome, Verdict
+from bench.report.results import CycleColumns, StreamFinding
+
+__all__ = ["RunEnd", "find_attention", "judge_run"]
+
+IMPORT = "import"
+UNFINISHED = "unfinished"
+OUTLIER_RATIO = 1.1
+"""A cycle whose largest curvature is this times the median differs by more than noise and drift explain."""
+LOW_COMPLETE_FRACTION = 0.5
+
+
+@dataclass(frozen=True)
+class RunEnd:
+    """How the run ended."""
+
+    exit_status: str
+    """success, abort, fail, unfinished; `import` for a take."""
+    reason: str
+
+
+def judge_run(
+    cycles: CycleColumns, streams: list[StreamFinding], end: RunEnd, minimum_bend_radius_mm: float
+) -> tuple[Outcome, list[str]]:
+    """Judge the run and say why it is not PASS, one sentence for each reason.
+
+    FAIL comes first: what was lost can hide a bend that is too tight, but cannot make one. FAIL rests on cycles with
+    verdict ok or slow only.
+    """
+    failures = _too_tight(cycles, minimum_bend_radius_mm)
+    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles)]
+    outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
+    return outcome, [*failures, *errors]
+
+
+def find_attention(cycles: CycleColumns, verdicts: CycleVerdicts) -> dict[int, list[str]]:
+    """Return the cycles that need a look with the reasons in words, by index."""
+    attention = {
+        index: [f"it {sentence}" if sentence.startswith(("was", "has", "took")) else sentence for sentence in sentences]
+        for index, sentences in verdicts.reasons.items()
+    }
+    peak = cycles.max_curvature_per_m
+    usual = float(np.median(peak[np.isfinite(peak)])) if np.isfinite(peak).any() else float("nan")
+    for row, index in enumerate(cycles.cycle_index.tolist()):
+        found = attention.setdefault(index, [])
+        if peak[row] > OUTLIER_RATIO * usual and peak[row] - usual > 4 * cycles.max_curvature_sigma_per_m[row]:
+            found.append(f"its largest curvature is {peak[row] / usual:.2f} times the usual one")
+        if np.isnan(peak[row]) and cycles.n_frames[row] > 0:
+            found.append("no frame of it has a trusted curve")
+        elif cycles.complete_fraction[row] < LOW_COMPLETE_FRACTION:
+            found.append(f"all markers were found in only {cycles.complete_fraction[row]:.0%} of its frames")
+    return {index: sentences for index, sentences in sorted(attention.items()) if sentences}
+
+
+def _too_tight(cycles: CycleColumns, limit_mm: float) -> list[str]:
+    judged = np.isin(cycles.verdict, [Verdict.OK, Verdict.SLOW])
+    tight = np.flatnonzero(judged & (cycles.min_bend_radius_mm < limit_mm))
+    if not len(tight):
+        return []
+    row = tight[cycles.min_bend_radius_mm[tight].argmin()]
+    sigma = cycles.max_curvature_sigma_per_m[row] / cycles.max_curvature_per_m[row] * cycles.min_bend_radius_mm[row]
+    sentence = (
+        f"The bend radius is below the limit of {limit_mm:g} mm in {len(tight)} of {int(judged.sum())} cycles; the "
+        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm (standard deviation {sigma:.1f} mm) in cycle "
+        f"{cycles.cycle_index[row]}, {cycles.max_curvature_arc_length_m[row] * 1e3:.0f} mm from the anchor."
+    )
+    return [sentence]
+
+
+def _end_errors(end: RunEnd) -> list[str]:
+    if end.exit_status in (ExitStatus.SUCCESS, IMPORT):
+        return []
+    because = f": {end.reason.rstrip('.')}" if end.reason else ""
+    return [f"The run did not end as meant ({end.exit_status}){because}."]
+
+
+def _stream_errors(streams: list[StreamFinding]) -> list[str]:
+    dropped = [f"{s.dropped} of {s.topic}" for s in streams if s.dropped]
+    missed = [f"{s.missed} of {s.topic}" for s in streams if s.missed]
+    sentences = [f"Records were dropped by the recorder: {', '.join(dropped)}."] if dropped else []
+    return sentences + ([f"Records never arrived: {', '.join(missed)}."] if missed else [])
+
+
+def _cycle_errors(cycles: CycleColumns) -> list[str]:
+    interrupted = [int(i) for i, v in zip(cycles.cycle_index, cycles.verdict, strict=True) if v == Verdict.INTERRUPTED]
+    sentences = [f"Cycles were interrupted: {_list_briefly(interrupted)}."] if interrupted else []
+    if Verdict.OK not in cycles.verdict:
+        sentences.append("No cycle was recorded." if not len(cycles.verdict) else "No cycle has the verdict ok.")
+    elif not np.isfinite(cycles.max_curvature_per_m).any():
+        sentences.append("In no cycle could a curve be drawn.")
+    return sentences
+
+
+def _list_briefly(numbers: list[int]) -> str:
+    shown = ", ".join(str(number) for number in numbers[:10])
+    return shown if len(numbers) <= 10 else f"{shown} and {len(numbers) - 10} more"

@@ -1,0 +1,157 @@
+"""From a run file to everything the report says: one pass through the analysis, no picture and no file."""
+
+from __future__ import annotations
+
+import time
+from pathlib import PurePath
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, map_by_phase
+from bench.config import Config
+from bench.model import Verdict
+from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
+from bench.report.facts import find_versions, hash_config, read_run_end, state_facts
+from bench.report.markers import find_chain_start
+from bench.report.outcome import UNFINISHED, find_attention, judge_run
+from bench.report.results import ExampleFrame, FrameColumns, Results
+from bench.report.source import RecordedRun, RobotSamples, TrackerFrames, read_frames, read_robot
+from bench.report.streams import find_streams
+from bench.report.trace import TracedCable, trace_cable
+
+__all__ = ["PHASE_BINS", "analyse_run"]
+
+PHASE_BINS = 100
+"""Bins of the bend-radius map: 20 ms of a 2 s cycle, two frames of each cycle at 100 Hz."""
+LOW_COMPLETE_FRACTION = 0.9
+"""Below this the reader is told: with nothing hidden a chain finds every marker."""
+
+Floats = npt.NDArray[np.float64]
+
+
+def analyse_run(run: RecordedRun, config: Config | None = None, *, run_path: str = "") -> Results:
+    """Analyse a recording.
+
+    Parameters
+    ----------
+    run : RecordedRun
+        What `bench.recording.open_run` returns.
+    config : Config, optional
+        Replaces the configuration that travels in the file.
+    run_path : str, optional
+        Name of the run file, for the report's title; the run's own path where it is left out.
+
+    Returns
+    -------
+    Results
+        Everything the tables, the figures and the page are made from.
+
+    Raises
+    ------
+    AnalysisError
+        The anchor cannot be found, or the recording contradicts itself.
+    """
+    begin = time.perf_counter()
+    config = config or run.config
+    frames, robot = read_frames(run), read_robot(run)
+    placed = place_frames(frames, robot, config.analysis)
+    start = find_chain_start(run, frames, config, placed.table)
+    traced = trace_cable(frames, start, config)
+    cycles = describe_cycles(placed, traced)
+    streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
+    outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
+    inside = traced.trusted & (placed.row >= 0)
+    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, PHASE_BINS)
+    return Results(
+        run_path=PurePath(run_path or str(getattr(run, "path", ""))).name,
+        config=config,
+        config_sha256=hash_config(config),
+        versions=find_versions(run),
+        methods={"sorting": traced.sorting, "curvature": traced.curvature, "cycles": placed.method},
+        exit_status=end.exit_status,
+        exit_reason=end.reason,
+        outcome=outcome,
+        outcome_reasons=outcome_reasons,
+        run_facts=state_facts(run, frames, cycles, config) | start.facts,
+        arc_length_m=traced.arc_length_m,
+        marker_arc_length_m=traced.marker_arc_length_m,
+        frames=_frame_columns(frames, placed, traced),
+        cycles=cycles,
+        phase_grid=(np.arange(PHASE_BINS) + 0.5) / PHASE_BINS,
+        bend_map_per_m=bend_map,
+        example=_choose_example(frames, placed, traced, bend_map),
+        streams=streams,
+        clocks=[*(robot.clocks if robot else []), *frames.clocks],
+        attention=find_attention(cycles, placed.verdicts),
+        warnings=[*start.warnings, *_warn(run, frames, traced, end.exit_status)],
+        analysis_s=time.perf_counter() - begin,
+    )
+
+
+def _count_gaps(frames: TrackerFrames, robot: RobotSamples | None) -> dict[str, int]:
+    gaps = {"/tracker/points": frames.gaps.total, "/tracker/frame": frames.gaps.total}
+    return gaps | ({"/robot/state": robot.gaps.total} if robot else {})
+
+
+def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable) -> FrameColumns:
+    return FrameColumns(
+        frame_number=frames.frame_number,
+        time_ns=frames.time_ns,
+        cycle_index=placed.cycle_index,
+        cycle_phase=placed.phase,
+        source=traced.markers.source,
+        position_m=traced.markers.position_m,
+        confidence=traced.markers.confidence,
+        curvature_per_m=traced.curve.curvature_per_m,
+        sigma_per_m=traced.curve.sigma_per_m,
+    )
+
+
+def _choose_example(
+    frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable, bend_map: Floats
+) -> ExampleFrame | None:
+    """Choose a complete frame near the phase of the largest curvature, from the middle one of the good cycles."""
+    candidates = np.flatnonzero(traced.complete & traced.trusted & (placed.row >= 0))
+    if not len(candidates) or not np.isfinite(traced.curve.curvature_per_m[candidates]).any():
+        return None
+    peak = np.where(np.isfinite(bend_map), bend_map, -1.0).max(axis=1)
+    wanted = (int(peak.argmax()) + 0.5) / len(peak)
+    good = [verdict is Verdict.OK for verdict in placed.verdicts.verdict]
+    rows = np.unique(placed.row[candidates])
+    rows = rows[np.array(good)[rows]] if np.array(good)[rows].any() else rows
+    nearest = candidates[placed.row[candidates] == rows[len(rows) // 2]]
+    frame = int(nearest[np.abs(placed.phase[nearest] - wanted).argmin()])
+    position = traced.markers.position_m[frame]
+    return ExampleFrame(
+        frame_number=int(frames.frame_number[frame]),
+        cycle_index=int(placed.cycle_index[frame]),
+        cycle_phase=float(placed.phase[frame]),
+        points_m=frames.points_m[frames.offsets[frame] : frames.offsets[frame + 1]],
+        position_m=position,
+        curve_m=interpolate_curve(position, traced.marker_arc_length_m, traced.arc_length_m),
+        curvature_per_m=traced.curve.curvature_per_m[frame],
+        sigma_per_m=traced.curve.sigma_per_m[frame],
+    )
+
+
+def _warn(run: RecordedRun, frames: TrackerFrames, traced: TracedCable, exit_status: str) -> list[str]:
+    warnings = []
+    if exit_status == UNFINISHED:
+        warnings.append(f"The recording was not finished ({run.status}): its end is missing.")
+    if len(frames) == 0:
+        return [*warnings, "The recording holds no tracker frames."]
+    fraction = float(traced.complete.mean())
+    if fraction == 0:
+        warnings.append("In no frame were all markers found: check marker_arc_length_m, the anchor and the gates.")
+    elif fraction < LOW_COMPLETE_FRACTION:
+        warnings.append(
+            f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none."
+        )
+    doubtful = float((traced.complete & ~traced.trusted).mean())
+    if doubtful > 0:
+        warnings.append(
+            f"{doubtful:.2%} of the frames are complete but doubtful (confidence below {TRUSTED_CONFIDENCE}): "
+            "they do not enter the cycles' figures."
+        )
+    return warnings

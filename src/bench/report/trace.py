@@ -1,0 +1,59 @@
+"""The cable in every frame: its markers sorted and the curve through them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from bench.analysis import TRUSTED_CONFIDENCE, CurveEstimate, SortedMarkers, get_estimator, get_sorter
+from bench.config import Config
+from bench.report.markers import ChainStart, make_sort_settings
+from bench.report.source import TrackerFrames
+
+__all__ = ["TracedCable", "trace_cable"]
+
+Bools = npt.NDArray[np.bool_]
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TracedCable:
+    """Markers and curvature of F frames."""
+
+    sorting: str
+    """Name of the method."""
+    curvature: str
+    """Name of the method."""
+    markers: SortedMarkers
+    curve: CurveEstimate
+    complete: Bools
+    """(F,): every marker was found."""
+    trusted: Bools
+    """(F,): the frame may enter the figures."""
+    arc_length_m: Floats
+    """(G,)"""
+    marker_arc_length_m: Floats
+    """(k,)"""
+
+
+def trace_cable(frames: TrackerFrames, start: ChainStart, config: Config) -> TracedCable:
+    """Sort the markers of every frame and estimate the curvature along the cable."""
+    analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
+    places = np.linspace(marker_places[0], marker_places[-1], analysis.arc_length_samples)
+    sorting, sort_markers = get_sorter(analysis.sorting)
+    curvature, estimate_curve = get_estimator(analysis.curvature)
+    settings = make_sort_settings(config)
+    markers = sort_markers(frames.points_m, frames.offsets, start.usable, start.anchor_m, settings)
+    curve = estimate_curve(markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3)
+    return TracedCable(
+        sorting=sorting,
+        curvature=curvature,
+        markers=markers,
+        curve=curve,
+        complete=np.asarray((markers.source >= 0).all(axis=1), dtype=bool),
+        trusted=np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool),
+        arc_length_m=places,
+        marker_arc_length_m=marker_places,
+    )
