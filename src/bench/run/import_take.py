@@ -1,0 +1,211 @@
+"""A take becomes the same recording as a run: its frames through the same writer, its own clock as the run's."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import uuid
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from bench.config import Config
+from bench.drivers.takes import Take, TakeInfo, read_take
+from bench.drivers.takes.take import TICKS_PER_S
+from bench.errors import BenchError
+from bench.model import DeviceInfo, LogEntry, Severity
+from bench.recording import POINTS, RunWriter
+from bench.timing import Clock, patience_ns
+
+__all__ = ["ImportSummary", "import_take"]
+
+MAX_WAITING = 5_000
+"""Frames in the recorder's queue before reading pauses: its limit is 200 000, and an import must not drop any."""
+PAUSE_S = 0.005
+"""Machine time of one pause; the recorder empties its queue every 20 ms."""
+LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d")
+
+
+@dataclass(frozen=True, slots=True)
+class ImportSummary:
+    """What an import did."""
+
+    path: Path
+    """The run file."""
+    info: TakeInfo
+    warnings: tuple[str, ...]
+    """Those of the take, and those of the take together with the configuration."""
+    n_frames: int
+    """Frames written."""
+    bytes_written: int
+
+
+class TakeClock:
+    """The run's clock of an import: the take's own, which passes like the machine's until it is told the end."""
+
+    speed = 1.0
+
+    def __init__(self, clock: Clock, start_ns: int) -> None:
+        self._clock = clock
+        self._offset_ns = start_ns - clock.now_ns()
+        self._reached_ns = start_ns
+
+    def now_ns(self) -> int:
+        return max(self._clock.now_ns() + self._offset_ns, self._reached_ns)
+
+    def reach(self, now_ns: int) -> None:
+        """Advance to `now_ns`, if that is later."""
+        self._reached_ns = max(self._reached_ns, now_ns)
+
+    def sleep_until_ns(self, deadline_ns: int) -> None:
+        self._clock.sleep_until_ns(deadline_ns - self._offset_ns)
+
+
+def import_take(take: Path, config: Config, config_toml: str, output: Path, clock: Clock) -> ImportSummary:
+    """Write a take into a run file.
+
+    Times are the take's own: device time from its frame 0, placed at its start where the file says when that was,
+    else at 1970-01-01. Nothing is known about its clock, so no clock samples are written; the exit status is
+    ``import``. When anything fails, no output is left behind.
+
+    Parameters
+    ----------
+    take : Path
+        A file that `bench.drivers.takes.read_take` reads.
+    config : Config
+        The configuration to analyse it with.
+    config_toml : str
+        The same, as it is to travel in the run file.
+    output : Path
+        The run file; it must not exist.
+    clock : Clock
+        The machine's time.
+
+    Returns
+    -------
+    ImportSummary
+
+    Raises
+    ------
+    RecordingError
+        The take cannot be read, or the run file cannot be written.
+    RecordingExistsError
+        `output` exists; it is not touched.
+    """
+    content = read_take(take)
+    warnings = (*content.info.warnings, *_config_warnings(content.info, config))
+    take_clock = TakeClock(clock, content.info.start_ns)
+    imported = datetime.fromtimestamp(clock.now_ns() * 1e-9, tz=UTC)
+    writer = RunWriter(
+        output,
+        take_clock,
+        config_toml=config_toml,
+        versions={name: version(name) for name in LIBRARIES},
+        run_id=str(uuid.uuid4()),
+        extra={
+            "bench.facts": _facts(config),
+            "bench.import": _describe_import(take, content.info, warnings, imported),
+        },
+    )
+    try:
+        n_frames = _write(writer, take_clock, clock, take.name, content, warnings)
+        path = writer.close(exit_status="import", reason=f"imported from {take.name}")
+    except BaseException:
+        _discard(writer, output)
+        raise
+    return ImportSummary(path, content.info, warnings, n_frames, writer.bytes_written)
+
+
+def _write(
+    writer: RunWriter, take_clock: TakeClock, clock: Clock, name: str, take: Take, warnings: tuple[str, ...]
+) -> int:
+    """Hand all of the take to the recorder, never faster than it writes; return the number of frames."""
+    info = take.info
+    writer.add_device(_device_info(name, info))
+    for warning in warnings:
+        writer.put(LogEntry(info.start_ns, Severity.WARN, "tracker", warning))
+    n_frames, end_ns = 0, info.start_ns
+    for frame in take.frames:
+        while writer.queue_length >= MAX_WAITING and writer.failure is None:
+            clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, PAUSE_S))
+        if writer.failure is not None:
+            raise writer.failure
+        writer.put(frame)
+        n_frames, end_ns = n_frames + 1, frame.capture_ns
+    if info.frames_promised is not None and info.frames_promised > n_frames:
+        writer.note_missed(POINTS, info.frames_promised - n_frames)
+    take_clock.reach(end_ns)
+    return n_frames
+
+
+def _discard(writer: RunWriter, output: Path) -> None:
+    """Remove what a failed import wrote: the take still has everything."""
+    with suppress(BenchError):
+        writer.close(exit_status="fail", reason="the import failed").unlink()
+        return
+    with suppress(OSError):
+        output.with_name(output.name + ".active").unlink()
+
+
+def _device_info(name: str, info: TakeInfo) -> DeviceInfo:
+    detail = {
+        "format": info.format,
+        "units": info.units,
+        "stamp": info.stamp.name.lower(),
+        "ticks_per_s": str(TICKS_PER_S),
+        "time_origin": info.time_origin,
+        "capture_start": info.capture_start,
+        "body_markers": json.dumps(info.body_markers),
+        "marker_names": json.dumps({str(key): name for key, name in info.marker_names.items()}),
+        **info.detail,
+    }
+    return DeviceInfo(
+        device="tracker",
+        kind="take",
+        address=name,
+        version=f"{info.format} {info.version}".strip(),
+        rate_hz=info.rate_hz,
+        bodies=info.bodies,
+        detail=detail,
+    )
+
+
+def _describe_import(take: Path, info: TakeInfo, warnings: tuple[str, ...], imported: datetime) -> dict[str, str]:
+    with take.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    return {
+        "file": take.name,
+        "sha256": digest,
+        "format": f"{info.format} {info.version}".strip(),
+        "frames_promised": "" if info.frames_promised is None else str(info.frames_promised),
+        "frames_found": str(info.frames_found),
+        "time_origin": info.time_origin,
+        "warnings": json.dumps(warnings),
+        "imported_utc": imported.isoformat(timespec="seconds"),
+    }
+
+
+def _facts(config: Config) -> dict[str, str]:
+    return {
+        "name": config.run.name,
+        "sample_id": config.run.sample_id,
+        "operator": config.run.operator,
+        "host": platform.node(),
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+        "simulated": "false",
+    }
+
+
+def _config_warnings(info: TakeInfo, config: Config) -> list[str]:
+    """Return one sentence for each rigid body that the configuration names and the take does not have."""
+    held = ", ".join(f"'{name}'" for name in info.bodies.values()) or "none"
+    anchors = {"cable.anchor": config.cable.anchor, "cable.end": config.cable.end}
+    return [
+        f"The configuration's {key} is the rigid body '{anchor.name}', which the take does not have (it has {held})."
+        for key, anchor in anchors.items()
+        if anchor is not None and anchor.kind == "rigid_body" and anchor.name not in info.bodies.values()
+    ]
