@@ -12,6 +12,7 @@ from bench.timing import ManualClock
 
 PERIOD_NS = 40_000_000
 STATES_PER_CYCLE = 10
+TICKS_PER_WAIT = 6
 
 
 class FakeRobot:
@@ -98,7 +99,9 @@ class PumpingInbox:
         self.events.append(event)
 
     def wait(self, deadline_ns: int) -> Event | None:
-        while not self.events and self.robot.clock.now_ns() < deadline_ns:
+        for _ in range(TICKS_PER_WAIT):
+            if self.events or self.robot.clock.now_ns() >= deadline_ns:
+                break
             self.robot.advance()
         return self.events.popleft() if self.events else None
 

@@ -123,7 +123,7 @@ def test_a_program_that_stops_by_itself_is_an_error() -> None:
 
 def test_a_cycle_that_never_ends_times_out() -> None:
     setup = Setup(3, RunLimits(cycle_s=20.0))
-    setup.robot.at_tick[5] = lambda robot: setattr(robot, "_move", lambda: None)
+    setup.robot.at_tick[12] = lambda robot: setattr(robot, "_move", lambda: None)
     with pytest.raises(CycleTimeoutError, match="did not end within 20 s"):
         setup.engine.run()
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import sys
 import traceback
+from typing import Annotated
 
-import click
 import typer
 
 from bench.cli.check import check
@@ -36,36 +36,30 @@ app.add_typer(config_app, name="config")
 
 @app.callback()
 def _options(
-    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
+    debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
 ) -> None:
     """Take the options that stand before the command."""
 
 
 def main() -> None:
-    """Run the command line; a `BenchError` becomes one sentence on stderr and its exit code."""
-    debug = "--debug" in sys.argv[1:]
+    """Run the command line; a `BenchError` becomes one sentence on stderr and its exit code.
+
+    Faults of the command line itself are the parser's: it says them, and exits with 2.
+    """
+    arguments = [argument for argument in sys.argv[1:] if argument != "--debug"]
+    debug = len(arguments) < len(sys.argv) - 1
     try:
-        code = app(standalone_mode=False)
+        app(arguments)
     except BenchError as error:
-        _say(error, debug)
-        code = error.exit_code
-    except click.exceptions.Abort:
-        _say(KeyboardInterrupt("Interrupted."), debug)
-        code = 4
-    except click.ClickException as error:
-        error.show()
-        code = 2
-    except Exception as error:  # what nobody foresaw: still one sentence, and where the rest is
-        _say(error, debug)
-        print("This is a fault of bench itself; run again with `bench --debug …` for the details.", file=sys.stderr)
-        code = 70
-    sys.exit(code if isinstance(code, int) else 0)
+        _say(f"error: {error}", error if debug else None)
+        sys.exit(error.exit_code)
+    except Exception as error:  # what nobody foresaw is still one sentence, and says where the rest is
+        _say(f"error: {type(error).__name__}: {error}", error if debug else None)
+        _say("This is a fault of bench itself; run again with --debug for the details.")
+        sys.exit(70)
 
 
-def _say(error: BaseException, debug: bool) -> None:
-    if debug:
+def _say(text: str, error: Exception | None = None) -> None:
+    if error is not None:
         traceback.print_exception(error)
-    text = str(error) or type(error).__name__
-    print(
-        f"error: {text}" if isinstance(error, BenchError) else f"error: {type(error).__name__}: {text}", file=sys.stderr
-    )
+    print(text, file=sys.stderr)

@@ -13,7 +13,7 @@ import logging
 import platform
 import threading
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -124,6 +124,21 @@ class RunWriter:
         else:
             self._counts.drop(record)
 
+    def put_all(self, records: Iterable[Record]) -> None:
+        """Hand over records that can wait, from a file: where the queue is full, wait for the disk.
+
+        Raises
+        ------
+        RecordingError, DiskFullError
+            The file cannot be written any more.
+        """
+        for record in records:
+            while len(self._queue) >= self._queue_limit and self.failure is None:
+                self._stopping.wait(DRAIN_S)
+            if self.failure is not None:
+                raise self.failure
+            self.put(record)
+
     def note_missed(self, topic: str, n: int) -> None:
         """Count `n` messages of `topic` that the device sent and nobody received."""
         self._counts.miss(topic, n)
@@ -179,6 +194,15 @@ class RunWriter:
             if self.failure is not None:
                 raise self.failure
             return self._file.path
+
+    def discard(self) -> None:
+        """End without a run file: nothing was driven, so there is nothing to keep. Instead of `close`."""
+        with self._closing:
+            self._accepting = False
+            self._stopping.set()
+            self._thread.join()
+            self._drop_queue()
+            self._file.discard()
 
     def _open_mcap(self) -> Any:
         # chunks end between records, never inside one: a frame's points and its description cannot be parted

@@ -42,12 +42,10 @@ class RunView:
 
     def show_item(self, item: Item) -> None:
         """Show one preflight item with limit, value and verdict."""
-        mark = MARKS[item.verdict]
-        self._console.print(
-            f"  {item.name:<15} {item.value:<18} ({item.limit})  {mark}", highlight=False, soft_wrap=True
-        )
+        line = f"  {MARKS[item.verdict]} {item.name:<15} {item.value} (limit: {item.limit})"
+        self._console.print(line, highlight=False, soft_wrap=True)
         if item.verdict == "warn":
-            self._console.print(f"  [yellow]{item.sentence}[/]", highlight=False, soft_wrap=True)
+            self._console.print(f"       [yellow]{item.sentence}[/]", highlight=False, soft_wrap=True)
 
     @contextmanager
     def live(self) -> Iterator[None]:

@@ -220,7 +220,8 @@ def _relative(
 
 def _bin_of(x: npt.NDArray[np.float64], n_bins: int) -> npt.NDArray[np.intp]:
     span = max(float(np.ptp(x)), 1.0)
-    return np.minimum(((x - x.min()) / span * n_bins).astype(np.intp), n_bins - 1)
+    bins: npt.NDArray[np.intp] = ((x - x.min()) / span * n_bins).astype(np.intp)
+    return np.minimum(bins, n_bins - 1)
 
 
 def _first_of_bins(

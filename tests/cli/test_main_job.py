@@ -1,0 +1,98 @@
+"""The main job, end to end: run, record, report, over real sockets, scored against the simulated bench's truth."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as pq
+import pytest
+from bench_command import bench, simulated_file
+from mcap_ros2.reader import read_ros2_messages
+from truth import join_truth, score_sorting
+
+from bench.recording import open_run
+
+N_CYCLES = 20
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Run 20 cycles and their report once, for all tests of this module."""
+    folder = tmp_path_factory.mktemp("job")
+    config = simulated_file(folder)
+    run = bench(
+        "run", config, "--cycles", str(N_CYCLES), "--speed", "8",
+        "--output", folder / "a.mcap", "--truth", folder / "truth.parquet",
+    )  # fmt: skip
+    assert run.returncode == 0, run.stderr + run.stdout
+    report = bench("report", folder / "a.mcap", "--output", folder / "a")
+    assert report.returncode == 0, report.stderr + report.stdout
+    return folder
+
+
+def test_every_cycle_is_one_row_with_verdict_ok(job: Path) -> None:
+    cycles = pq.read_table(job / "a" / "cycles.parquet").to_pydict()
+    assert cycles["cycle_index"] == list(range(N_CYCLES))
+    assert cycles["verdict"] == ["ok"] * N_CYCLES
+    assert all(2.0 <= duration < 2.2 for duration in cycles["duration_s"])
+
+
+def test_nothing_is_missing_on_the_controllers_time_grid(job: Path) -> None:
+    time_s = open_run(job / "a.mcap")["/robot/state"]["controller_time_s"]
+    steps = np.rint(np.diff(time_s) * 125.0)
+    assert np.all(steps == 1)
+
+
+def test_no_tracker_frame_is_missing(job: Path) -> None:
+    numbers = open_run(job / "a.mcap")["/tracker/points"]["frame_number"]
+    assert np.all(np.diff(numbers) == 1)
+
+
+def test_an_independent_decoder_reads_the_same(job: Path) -> None:
+    run = open_run(job / "a.mcap")
+    states = [m.ros_msg for m in read_ros2_messages(str(job / "a.mcap"), topics=["/robot/state"])]
+    columns = run["/robot/state"]
+    assert len(states) == len(columns["controller_time_s"])
+    assert [s.controller_time_s for s in states] == columns["controller_time_s"].tolist()
+    assert [s.cycle_count for s in states] == columns["cycle_count"].tolist()
+    points = run["/tracker/points"]
+    clouds = [m.ros_msg for m in read_ros2_messages(str(job / "a.mcap"), topics=["/tracker/points"])]
+    assert [c.width for c in clouds] == np.diff(points["offsets"]).tolist()
+    first = np.frombuffer(bytes(clouds[0].data), dtype="<f4").reshape(clouds[0].width, -1)[:, :3]
+    np.testing.assert_array_equal(first, points["points_m"][: clouds[0].width])
+
+
+def test_without_misses_and_ghosts_the_sorting_is_exact_in_every_frame(job: Path) -> None:
+    score = score_sorting(job / "a" / "markers.parquet", job / "truth.parquet")
+    assert score.n_frames > N_CYCLES * 190
+    assert score.exact == 1.0
+
+
+def test_cycle_index_and_phase_agree_with_the_truth(job: Path) -> None:
+    joined = join_truth(job / "a" / "markers.parquet", job / "truth.parquet")
+    inside = (joined["cycle_index"] >= 0) & (joined["cycle_index_true"] >= 0)
+    # A frame within one controller period of a cycle's edge may fall on either side of it.
+    assert np.mean(joined["cycle_index"] == joined["cycle_index_true"]) > 0.99
+    assert np.all(joined["cycle_index"][inside] == joined["cycle_index_true"][inside])
+    assert np.max(np.abs(joined["cycle_phase"][inside] - joined["cycle_phase_true"][inside])) < 0.02
+
+
+def test_capture_times_agree_with_the_truth(job: Path) -> None:
+    joined = join_truth(job / "a" / "markers.parquet", job / "truth.parquet")
+    error_ns = joined["time_ns"] - joined["time_ns_true"]
+    # At 8 times real time a millisecond of this machine is 8 of the clock's; echoes bound the error by half a round trip.
+    assert np.median(np.abs(error_ns)) < 10_000_000
+
+
+def test_the_summary_says_what_the_tables_say(job: Path) -> None:
+    summary = json.loads((job / "a" / "summary.json").read_text())
+    assert summary["outcome"] == "PASS"
+
+
+def test_the_report_never_overwrites(job: Path) -> None:
+    before = (job / "a" / "report.html").read_bytes()
+    again = bench("report", job / "a.mcap", "--output", job / "a")
+    assert again.returncode == 5, again.stderr
+    assert (job / "a" / "report.html").read_bytes() == before
