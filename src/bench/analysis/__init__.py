@@ -5,7 +5,7 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
-from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, map_by_phase, summarise_cycles
+from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
@@ -41,6 +41,7 @@ __all__ = [
     "find_cycles",
     "find_gaps",
     "find_static_marker",
+    "find_tighter",
     "fit_spline",
     "gather_positions",
     "get_estimator",

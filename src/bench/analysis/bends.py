@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks
 
-__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "map_by_phase", "summarise_cycles"]
+__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "find_tighter", "map_by_phase", "summarise_cycles"]
 
 TRUSTED_CONFIDENCE = 0.75
 """Frames below this confidence do not enter a cycle's figures: a quarter of their markers is missing or doubtful."""
@@ -69,6 +69,14 @@ def summarise_cycles(
     columns[:, has] = peak[frame], sigma_per_m[frame, place[frame]], arc_length_m[place[frame]]
     with np.errstate(invalid="ignore"):
         return CycleBends(n_frames, n_complete / n_frames, columns[0], columns[1], columns[2], sums / counts)
+
+
+def find_tighter(curvature_per_m: Floats32, limit_per_m: float) -> Bools:
+    """Return for each frame (F,) whether its curvature (F, G) exceeds the limit anywhere."""
+    tighter = np.zeros(len(curvature_per_m), dtype=bool)
+    for start, stop in chunks(len(curvature_per_m)):
+        tighter[start:stop] = (curvature_per_m[start:stop] > limit_per_m).any(axis=1)
+    return tighter
 
 
 def map_by_phase(curvature_per_m: Floats32, phase: Floats, trusted: Bools, n_bins: int) -> Floats:

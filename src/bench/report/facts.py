@@ -10,9 +10,10 @@ from importlib.metadata import version
 import numpy as np
 
 from bench.config import Config, to_toml
-from bench.report.outcome import IMPORT, UNFINISHED, RunEnd
+from bench.recording import Run
+from bench.report.outcome import UNFINISHED, RunEnd
 from bench.report.results import CycleColumns
-from bench.report.source import RecordedRun, TrackerFrames
+from bench.report.source import TrackerFrames
 
 __all__ = ["find_versions", "hash_config", "read_run_end", "state_facts"]
 
@@ -22,31 +23,22 @@ def hash_config(config: Config) -> str:
     return hashlib.sha256(to_toml(config).encode()).hexdigest()
 
 
-def find_versions(run: RecordedRun) -> dict[str, str]:
+def find_versions(run: Run) -> dict[str, str]:
     """Return the versions that recorded and those that analyse."""
-    recorded = run.metadata.get("bench.run", {})
-    versions = {
-        f"recorded with {key.removeprefix('version.')}": text
-        for key, text in recorded.items()
-        if key.startswith("version.")
-    }
+    versions = {f"recorded with {name}": text for name, text in run.versions.items()}
     versions["bench"] = version("cable-bench")
     versions["python"] = platform.python_version()
     versions["numpy"] = np.__version__
     return versions
 
 
-def read_run_end(run: RecordedRun) -> RunEnd:
+def read_run_end(run: Run) -> RunEnd:
     """Return how the run ended; a file without an end is unfinished."""
-    end = run.metadata.get("bench.end")
-    if end is None:
-        return RunEnd(UNFINISHED, f"the file is {run.status}")
-    is_take = run.config.robot is None and "/robot/state" not in _filled_topics(run)
-    status = end.get("exit_status", UNFINISHED)
-    return RunEnd(IMPORT if is_take and status == "success" else status, end.get("reason", ""))
+    reason = run.exit_reason if run.exit_status != UNFINISHED else run.status.text
+    return RunEnd(run.exit_status, reason)
 
 
-def state_facts(run: RecordedRun, frames: TrackerFrames, cycles: CycleColumns, config: Config) -> dict[str, str]:
+def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: Config) -> dict[str, str]:
     """Return what was run, in the order shown; what is not known is left out."""
     recorded = run.metadata.get("bench.run", {})
     facts = {
@@ -68,10 +60,6 @@ def state_facts(run: RecordedRun, frames: TrackerFrames, cycles: CycleColumns, c
             word for word in (device.kind, device.version, f"at {device.address}" if device.address else "") if word
         )
     return {name: text for name, text in facts.items() if text}
-
-
-def _filled_topics(run: RecordedRun) -> set[str]:
-    return {topic for topic in run.topics if len(run[topic].get("log_time_ns", ()))}
 
 
 def _duration(frames: TrackerFrames) -> str:

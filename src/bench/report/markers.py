@@ -23,7 +23,8 @@ from bench.analysis import (
 from bench.config import AnchorConfig, CableConfig, Config
 from bench.errors import AnalysisError
 from bench.model import UNLABELED
-from bench.report.source import RecordedRun, TrackerFrames
+from bench.recording import Run
+from bench.report.source import TrackerFrames
 
 __all__ = ["ChainStart", "find_chain_start", "make_sort_settings"]
 
@@ -57,7 +58,7 @@ def make_sort_settings(config: Config) -> SortSettings:
     return SortSettings(cable.arc_length_m, cable.stretch_ratio, cable.shorten, tolerance_m)
 
 
-def find_chain_start(run: RecordedRun, frames: TrackerFrames, config: Config, table: CycleTable) -> ChainStart:
+def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: CycleTable) -> ChainStart:
     """Take out the points that are not the cable's, and find the anchor in every frame.
 
     Raises
@@ -92,7 +93,7 @@ def _is_labeled(flags: npt.NDArray[np.uint32]) -> Bools:
 class _Bodies:
     """The recording's rigid bodies: poses by name, and which points are their own markers."""
 
-    def __init__(self, run: RecordedRun, frames: TrackerFrames) -> None:
+    def __init__(self, run: Run, frames: TrackerFrames) -> None:
         self._frames = frames
         tracker = next((device for device in run.devices if device.device == "tracker"), None)
         self.names = dict(tracker.bodies) if tracker else {}
@@ -148,7 +149,7 @@ class _Bodies:
         return position, quaternion
 
 
-def _recorded_body_markers(run: RecordedRun) -> Mapping[str, Floats]:
+def _recorded_body_markers(run: Run) -> Mapping[str, Floats]:
     """Return the markers (m, 3) of rigid bodies in their own frames, by name, as the tracker's description has them."""
     described: dict[str, Floats] = {}
     for device in run.devices:

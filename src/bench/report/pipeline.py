@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import time
 from pathlib import PurePath
 
@@ -11,12 +12,13 @@ import numpy.typing as npt
 from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, map_by_phase
 from bench.config import Config
 from bench.model import Verdict
+from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.facts import find_versions, hash_config, read_run_end, state_facts
 from bench.report.markers import find_chain_start
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
-from bench.report.source import RecordedRun, RobotSamples, TrackerFrames, read_frames, read_robot
+from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_frames, read_robot
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
 
@@ -30,12 +32,12 @@ LOW_COMPLETE_FRACTION = 0.9
 Floats = npt.NDArray[np.float64]
 
 
-def analyse_run(run: RecordedRun, config: Config | None = None, *, run_path: str = "") -> Results:
+def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -> Results:
     """Analyse a recording.
 
     Parameters
     ----------
-    run : RecordedRun
+    run : Run
         What `bench.recording.open_run` returns.
     config : Config, optional
         Replaces the configuration that travels in the file.
@@ -54,6 +56,7 @@ def analyse_run(run: RecordedRun, config: Config | None = None, *, run_path: str
     """
     begin = time.perf_counter()
     config = config or run.config
+    load_topics(run)
     frames, robot = read_frames(run), read_robot(run)
     placed = place_frames(frames, robot, config.analysis)
     start = find_chain_start(run, frames, config, placed.table)
@@ -64,7 +67,7 @@ def analyse_run(run: RecordedRun, config: Config | None = None, *, run_path: str
     inside = traced.trusted & (placed.row >= 0)
     bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, PHASE_BINS)
     return Results(
-        run_path=PurePath(run_path or str(getattr(run, "path", ""))).name,
+        run_path=PurePath(run_path or run.path).name,
         config=config,
         config_sha256=hash_config(config),
         versions=find_versions(run),
@@ -90,8 +93,8 @@ def analyse_run(run: RecordedRun, config: Config | None = None, *, run_path: str
 
 
 def _count_gaps(frames: TrackerFrames, robot: RobotSamples | None) -> dict[str, int]:
-    gaps = {"/tracker/points": frames.gaps.total, "/tracker/frame": frames.gaps.total}
-    return gaps | ({"/robot/state": robot.gaps.total} if robot else {})
+    gaps = {POINTS: frames.gaps.total, FRAME: frames.gaps.total}
+    return gaps | ({ROBOT: robot.gaps.total} if robot else {})
 
 
 def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable) -> FrameColumns:
@@ -135,10 +138,12 @@ def _choose_example(
     )
 
 
-def _warn(run: RecordedRun, frames: TrackerFrames, traced: TracedCable, exit_status: str) -> list[str]:
-    warnings = []
+def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str) -> list[str]:
+    warnings = [str(text) for text in json.loads(run.metadata.get("bench.import", {}).get("warnings", "[]"))]
     if exit_status == UNFINISHED:
-        warnings.append(f"The recording was not finished ({run.status}): its end is missing.")
+        warnings.append(f"The recording was not finished: {run.status.text}.")
+    elif run.status.lost:
+        warnings.append(f"The recording is damaged; lost: {run.status.lost}.")
     if len(frames) == 0:
         return [*warnings, "The recording holds no tracker frames."]
     fraction = float(traced.complete.mean())
@@ -148,10 +153,16 @@ def _warn(run: RecordedRun, frames: TrackerFrames, traced: TracedCable, exit_sta
         warnings.append(
             f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none."
         )
-    doubtful = float((traced.complete & ~traced.trusted).mean())
-    if doubtful > 0:
+    n_impossible = int(traced.impossible.sum())
+    if n_impossible:
         warnings.append(
-            f"{doubtful:.2%} of the frames are complete but doubtful (confidence below {TRUSTED_CONFIDENCE}): "
+            f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius, which cannot be: "
+            "a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be wrong unseen."
+        )
+    doubtful = int((traced.complete & ~traced.trusted & ~traced.impossible).sum())
+    if doubtful:
+        warnings.append(
+            f"{doubtful} of {len(frames)} frames are complete but doubtful (confidence below {TRUSTED_CONFIDENCE}): "
             "they do not enter the cycles' figures."
         )
     return warnings

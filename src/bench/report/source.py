@@ -2,43 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from bench.analysis import AlignedClock, CounterColumns, Gaps, align_by_arrival, align_by_echo, find_gaps
-from bench.config import Config
-from bench.errors import AnalysisError
-from bench.model import ClockSource, DeviceInfo
+from bench.model import ClockSource
+from bench.recording import BODIES, CLOCK, FRAME, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding
 
-__all__ = ["BodyPoses", "RecordedRun", "RobotSamples", "TrackerFrames", "read_frames", "read_robot"]
+__all__ = ["BodyPoses", "RobotSamples", "TrackerFrames", "load_topics", "read_frames", "read_robot"]
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 NS = 1_000_000_000
-POINT_COLUMNS = ("points_m", "ids", "flags", "offsets")
-
-
-class RecordedRun(Protocol):
-    """A run file as `bench.recording.open_run` gives it."""
-
-    @property
-    def status(self) -> object: ...
-    @property
-    def config(self) -> Config: ...
-    @property
-    def metadata(self) -> Mapping[str, Mapping[str, str]]: ...
-    @property
-    def topics(self) -> Collection[str]: ...
-    @property
-    def devices(self) -> Sequence[DeviceInfo]: ...
-    def __getitem__(self, topic: str) -> Mapping[str, Array]: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,98 +63,72 @@ class RobotSamples:
     clocks: list[ClockFinding]
 
 
-def read_frames(run: RecordedRun) -> TrackerFrames:
-    """Read the tracker's frames and put them into host time.
+def load_topics(run: Run) -> None:
+    """Read all that the analysis needs in one pass over the file."""
+    run.load([ROBOT, FRAME, POINTS, BODIES, CLOCK, STATS])
 
-    Raises
-    ------
-    AnalysisError
-        The points and the frames of the recording do not belong together.
-    """
-    frame, points = _columns(run, "/tracker/frame"), _columns(run, "/tracker/points")
-    number = _ints(frame, "frame_number")
-    point_columns = _point_columns(points)
-    if len(point_columns["offsets"]) != len(number) + 1:
-        n_clouds = len(point_columns["offsets"]) - 1
-        raise AnalysisError(
-            f"The recording holds {len(number)} frames but the points of {n_clouds}.",
-            hint="Rebuild it with: bench salvage RUN.mcap --output GOOD.mcap",
-        )
-    segment = _ints(frame, "segment")
-    clock = _align_tracker(run, frame, segment)
+
+def read_frames(run: Run) -> TrackerFrames:
+    """Read the tracker's frames and put them into host time."""
+    frame, points = run[FRAME], run[POINTS]
+    number, segment = _ints(frame.frame_number), _ints(frame.segment)
+    clock = _align_tracker(run, segment)
     order = np.lexsort((number, segment))
     return TrackerFrames(
         frame_number=number,
         time_ns=clock.host_ns,
-        bodies=_read_bodies(run, number, _ints(frame, "n_bodies")),
+        points_m=points.points_m,
+        offsets=_ints(points.offsets),
+        ids=points.ids,
+        flags=points.flags,
+        bodies=_read_bodies(run),
         gaps=find_gaps(number[order], segment[order], clock.host_ns[order]),
         clocks=_findings("tracker", clock),
-        **point_columns,
     )
 
 
-def read_robot(run: RecordedRun) -> RobotSamples | None:
+def read_robot(run: Run) -> RobotSamples | None:
     """Read the robot's samples and put them into host time; None without any."""
-    state = _columns(run, "/robot/state")
-    if not len(state.get("segment", ())):
+    state = run[ROBOT]
+    if len(state.segment) == 0:
         return None
-    ticks = np.rint(state["controller_time_s"] * NS).astype(np.int64)
-    segment = _ints(state, "segment")
-    clock = align_by_arrival(ticks, _ints(state, "arrival_ns"), _ints(state, "capture_ns"), segment, 1.0)
+    ticks, segment = np.rint(state.controller_time_s * NS).astype(np.int64), _ints(state.segment)
+    clock = align_by_arrival(ticks, _ints(state.arrival_ns), _ints(state.capture_ns), segment, 1.0)
     order = np.lexsort((ticks, segment))
     host = clock.host_ns[order]
     counter = CounterColumns(
         host_ns=host,
-        count=_ints(state, "cycle_count")[order],
-        running=_ints(state, "cycle_running")[order],
-        phase=np.asarray(state["cycle_phase"], dtype=np.float64)[order],
-        runtime_state=_ints(state, "runtime_state")[order],
+        count=_ints(state.cycle_count)[order],
+        running=_ints(state.cycle_running)[order],
+        phase=np.asarray(state.cycle_phase, dtype=np.float64)[order],
+        runtime_state=_ints(state.runtime_state)[order],
     )
-    gaps = find_gaps(_ints(state, "sequence")[order], segment[order], host)
+    # the field and not the message's own number, which is 32 bits wide
+    gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     return RobotSamples(counter, gaps, _findings("robot", clock))
 
 
-def _align_tracker(run: RecordedRun, frame: Mapping[str, Array], segment: Ints) -> AlignedClock:
-    samples = _columns(run, "/clock/sample")
-    asked = np.flatnonzero(_ints(samples, "source") == ClockSource.TRACKER)
-    frequency = np.asarray(samples.get("ticks_per_s", np.zeros(0)))[asked]
+def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
+    frame, samples = run[FRAME], run[CLOCK]
+    asked = np.flatnonzero(samples.source == ClockSource.TRACKER)
+    frequency = samples.ticks_per_s[asked]
     return align_by_echo(
-        _ints(frame, "device_ticks"),
-        _ints(frame, "capture_ns"),
+        _ints(frame.device_ticks),
+        _ints(frame.capture_ns),
         segment,
-        _ints(samples, "segment")[asked],
-        _ints(samples, "send_ns")[asked],
-        _ints(samples, "device_ticks")[asked],
-        _ints(samples, "receive_ns")[asked],
+        _ints(samples.segment)[asked],
+        _ints(samples.send_ns)[asked],
+        _ints(samples.device_ticks)[asked],
+        _ints(samples.receive_ns)[asked],
         NS / float(frequency[0]) if len(frequency) else 1.0,
     )
 
 
-def _read_bodies(run: RecordedRun, number: Ints, n_bodies: Ints) -> BodyPoses:
-    poses = _columns(run, "/tracker/bodies")
-    pose_number = _ints(poses, "frame_number")
-    if int(n_bodies.sum()) == len(pose_number):
-        frame = np.repeat(np.arange(len(number)), n_bodies)
-    else:  # a damaged recording: only the frame numbers still tell
-        order = np.argsort(number, kind="stable")
-        at = np.minimum(np.searchsorted(number[order], pose_number), max(len(number) - 1, 0))
-        frame = order[at] if len(number) else np.zeros(0, dtype=np.int64)
-    position = np.array(poses.get("position_m", np.zeros((0, 3))), dtype=np.float64)
-    position[~np.asarray(poses.get("tracking_valid", np.zeros(0)), dtype=bool)] = np.nan
-    quaternion = np.asarray(poses.get("quaternion_xyzw", np.zeros((0, 4))), dtype=np.float64)
-    kept = number[frame] == pose_number if len(number) else np.zeros(len(pose_number), dtype=bool)
-    return BodyPoses(frame[kept], _ints(poses, "body_id")[kept], position[kept], quaternion[kept])
-
-
-def _point_columns(points: Mapping[str, Array]) -> dict[str, Array]:
-    if not points:
-        return {
-            "points_m": np.zeros((0, 3), dtype=np.float32),
-            "offsets": np.zeros(1, dtype=np.int64),
-            "ids": np.zeros(0, dtype=np.uint32),
-            "flags": np.zeros(0, dtype=np.uint32),
-        }
-    return {name: points[name] for name in POINT_COLUMNS}
+def _read_bodies(run: Run) -> BodyPoses:
+    poses = run[BODIES]
+    position = np.array(poses.position_m, dtype=np.float64)
+    position[~poses.tracking_valid] = np.nan
+    return BodyPoses(_ints(poses.frame_index), _ints(poses.body_id), position, poses.quaternion_xyzw)
 
 
 def _findings(device: str, clock: AlignedClock) -> list[ClockFinding]:
@@ -183,9 +138,5 @@ def _findings(device: str, clock: AlignedClock) -> list[ClockFinding]:
     ]
 
 
-def _columns(run: RecordedRun, topic: str) -> Mapping[str, Array]:
-    return run[topic] if topic in run.topics else {}
-
-
-def _ints(columns: Mapping[str, Array], name: str) -> Ints:
-    return np.asarray(columns.get(name, np.zeros(0)), dtype=np.int64)
+def _ints(values: Array) -> Ints:
+    return np.asarray(values, dtype=np.int64)

@@ -177,7 +177,7 @@ def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
     peak = cycles.max_curvature_per_m
     row = int(np.where(np.isfinite(peak), peak, -1.0).argmax()) if np.isfinite(peak).any() else -1
-    return _jsonable(
+    summary: dict[str, Any] = _jsonable(
         {
             "run": results.run_path,
             "outcome": str(results.outcome),
@@ -207,6 +207,7 @@ def _summary(results: Results) -> dict[str, Any]:
             "analysis_s": results.analysis_s,
         }
     )
+    return summary
 
 
 def _jsonable(value: Any) -> Any:
