@@ -166,7 +166,7 @@ class _CloudCollector:
         offsets = np.zeros(len(widths) + 1, np.int64)
         np.cumsum(widths, out=offsets[1:])
         return _head_columns(heads) | {
-            "points_m": points.view("<f4").reshape(len(points), -1)[:, :3].copy(),
+            "points_m": points.view("<f4").reshape(len(points), POINT.itemsize // 4)[:, :3].copy(),
             "residual_m": points["residual"].copy(),
             "ids": points["id"].copy(),
             "flags": points["flags"].copy(),

@@ -31,7 +31,7 @@ def opened(path: Path) -> Iterator[int]:
     except OSError as error:
         hint = ""
         if active_path(path).exists():
-            hint = f"Its recording was not closed: open {active_path(path)}, or rebuild it with `bench salvage`."
+            hint = f"Its recording was not closed, but {active_path(path)} can be read in its place."
         raise RecordingError(f"{path} cannot be opened: {error.strerror}.", hint=hint) from error
     try:
         yield descriptor

@@ -127,7 +127,9 @@ class OutputFile:
 def _verify_absent(path: Path) -> None:
     if os.path.lexists(path):
         unfinished = path.name.endswith(".active")
-        hint = "An earlier run did not finish it: `bench salvage` reads it. " if unfinished else ""
+        hint = (
+            "It is being written, or was left by a run that broke off; it can be read as it is. " if unfinished else ""
+        )
         raise _taken(path, hint + "Choose another --output, or move the old file away.")
 
 

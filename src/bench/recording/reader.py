@@ -40,6 +40,9 @@ class RunStatus:
     bytes_total: int
     """Size of the file."""
 
+    def __str__(self) -> str:
+        return self.text
+
 
 def open_run(path: str | Path) -> Run:
     """Open a run file: ``x.mcap``, or the ``x.mcap.active`` of a recording that was not closed.
