@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from bench_command import bench, simulated_file
-from mcap_ros2.reader import read_ros2_messages
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 from truth import join_truth, score_sorting
 
 from bench.recording import open_run
@@ -32,6 +34,12 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def decode_independently(path: Path, topic: str) -> list[Any]:
+    with path.open("rb") as stream:
+        messages = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages(topics=[topic])
+        return [message for _, _, _, message in messages]
+
+
 def test_every_cycle_is_one_row_with_verdict_ok(job: Path) -> None:
     cycles = pq.read_table(job / "a" / "cycles.parquet").to_pydict()
     assert cycles["cycle_index"] == list(range(N_CYCLES))
@@ -52,13 +60,13 @@ def test_no_tracker_frame_is_missing(job: Path) -> None:
 
 def test_an_independent_decoder_reads_the_same(job: Path) -> None:
     run = open_run(job / "a.mcap")
-    states = [m.ros_msg for m in read_ros2_messages(str(job / "a.mcap"), topics=["/robot/state"])]
+    states = decode_independently(job / "a.mcap", "/robot/state")
     columns = run["/robot/state"]
     assert len(states) == len(columns["controller_time_s"])
     assert [s.controller_time_s for s in states] == columns["controller_time_s"].tolist()
     assert [s.cycle_count for s in states] == columns["cycle_count"].tolist()
     points = run["/tracker/points"]
-    clouds = [m.ros_msg for m in read_ros2_messages(str(job / "a.mcap"), topics=["/tracker/points"])]
+    clouds = decode_independently(job / "a.mcap", "/tracker/points")
     assert [c.width for c in clouds] == np.diff(points["offsets"]).tolist()
     first = np.frombuffer(bytes(clouds[0].data), dtype="<f4").reshape(clouds[0].width, -1)[:, :3]
     np.testing.assert_array_equal(first, points["points_m"][: clouds[0].width])
