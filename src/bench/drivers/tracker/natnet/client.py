@@ -95,7 +95,7 @@ class NatNetTracker:
         try:
             server = self._connect()
             bitstream = Bitstream(server.natnet_version)
-            info = self._describe(server, bitstream)
+            info = self._describe(server, bitstream, sink)
         except BaseException:
             self._link.close()
             raise
@@ -133,7 +133,7 @@ class NatNetTracker:
             )
         return server
 
-    def _describe(self, server: ServerInfo, bitstream: Bitstream) -> DeviceInfo:
+    def _describe(self, server: ServerInfo, bitstream: Bitstream, sink: RecordSink) -> DeviceInfo:
         millimetres = self._ask_number("UnitsToMillimeters")
         if millimetres not in (None, METRES_TO_MILLIMETRES):
             raise DeviceStateError(
@@ -148,11 +148,12 @@ class NatNetTracker:
             address=self._link.name,
             version=f"{server.name} {_dotted(server.app_version)}, NatNet {_dotted(server.natnet_version)}",
             rate_hz=float("nan") if rate_hz is None else rate_hz,
-            bodies=self._ask_bodies(bitstream),
+            bodies=self._ask_bodies(bitstream, sink),
             detail={
                 "bitstream": _dotted(bitstream.version),
                 "clock_hz": str(server.clock_hz),
                 "local_address": self._link.local_address,
+                "receive_buffer_bytes": str(self._link.receive_buffer_bytes),
                 "up_axis": UP_AXES.get(-1 if up_axis is None else int(up_axis), "unknown"),
                 "version_chosen_by": "client" if server.natnet_version >= CHOOSING_SINCE else "server",
             },
@@ -165,12 +166,18 @@ class NatNetTracker:
             return None
         return decode_number(answer[1], layout)
 
-    def _ask_bodies(self, bitstream: Bitstream) -> dict[int, str]:
+    def _ask_bodies(self, bitstream: Bitstream, sink: RecordSink) -> dict[int, str]:
+        """Return the rigid bodies' names. A run without rigid bodies does not need them, so their lack is no error."""
         question = encode_packet(Message.REQUEST_MODELDEF)
         answer = self._link.ask(question, (Message.MODELDEF,), tries=QUESTION_TRIES, wait_s=QUESTION_WAIT_S)
-        if answer is None:
-            return {}
-        models = bitstream.decode_models(answer[1])
+        try:
+            models = () if answer is None else bitstream.decode_models(answer[1])
+            problem = "gave no model definitions." if answer is None else ""
+        except ProtocolError as error:
+            models, problem = (), f"gave model definitions that cannot be read: {error}"
+        if problem:
+            text = f"The tracker at {self._link.name} {problem}"
+            sink(LogEntry(self._clock.now_ns(), Severity.WARN, "tracker", text))
         return {model.body_id: model.name for model in models if isinstance(model, RigidBodyModel)}
 
     def _run(self) -> None:

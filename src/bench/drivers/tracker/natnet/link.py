@@ -26,6 +26,8 @@ class CommandLink:
         self._socket: socket.socket | None = None
         self._peer = ("", 0)
         self.local_address = ""
+        self.receive_buffer_bytes = 0
+        """What the system grants of `RECEIVE_BUFFER_BYTES`; Linux: at most twice net.core.rmem_max."""
 
     @property
     def name(self) -> str:
@@ -47,6 +49,7 @@ class CommandLink:
                 f"Our own address {self.local_address} towards the tracker cannot be used: {error.strerror}.",
                 hint="Set [tracker] local_address to an address of this machine, or leave it out.",
             ) from error
+        self.receive_buffer_bytes = link.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._socket = link
 
     def close(self) -> None:

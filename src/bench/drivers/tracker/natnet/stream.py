@@ -14,7 +14,7 @@ from bench.drivers.tracker.natnet.link import CommandLink
 from bench.drivers.tracker.natnet.messages import decode_echo_response, decode_text, encode_echo_request
 from bench.drivers.tracker.natnet.models import RigidBodyModel
 from bench.drivers.tracker.natnet.records import capture_stamp, make_record
-from bench.drivers.tracker.natnet.wire import Message, encode_packet, split_packet
+from bench.drivers.tracker.natnet.wire import Message, encode_packet, split_packet, verify_whole
 from bench.errors import ProtocolError
 from bench.model import ClockSample, ClockSource, LogEntry, Severity
 from bench.timing import Clock, EchoFilter, patience_ns
@@ -82,6 +82,7 @@ class FrameStream:
         try:
             message, payload = split_packet(packet)
             if message == Message.FRAMEOFDATA:
+                verify_whole(packet)
                 self._take_frame(payload, arrival_ns)
             else:
                 self._take_other(message, payload, arrival_ns)

@@ -21,6 +21,7 @@ __all__ = [
     "encode_packet",
     "pack_text",
     "split_packet",
+    "verify_whole",
 ]
 
 Version = tuple[int, ...]
@@ -81,6 +82,19 @@ def split_packet(packet: bytes) -> tuple[int, bytes]:
             f"A NatNet packet of {len(packet)} bytes is shorter than its header of {HEADER.size} bytes."
         )
     return HEADER.unpack_from(packet)[0], packet[HEADER.size :]
+
+
+def verify_whole(packet: bytes) -> None:
+    """Check that a server's packet has all the bytes that its header announces.
+
+    Raises
+    ------
+    ProtocolError
+        It has fewer. Not for packets of clients, whose sizes mean little.
+    """
+    announced = HEADER.unpack_from(packet)[1] + HEADER.size
+    if announced > len(packet):
+        raise ProtocolError(f"A NatNet packet of {len(packet)} bytes was cut: its header announces {announced}.")
 
 
 def pack_text(text: str) -> bytes:
