@@ -78,8 +78,8 @@ def find_cycles(robot: CounterColumns) -> CycleTable:
 
     Cycle c runs from the first sample on the path with count c to the first sample with a larger count, each to one
     sample. A counter that jumps by more than one while nothing was received gives every cycle in between a row of its
-    own, with times shared out over the gap. A counter that goes back starts a new block, which is numbered on; what
-    stood in the registers before that, with no cycle completed, is left over from an earlier program.
+    own, with times shared out over the gap. A counter that goes back starts a new block, which is numbered on from
+    the last; what stood in the registers before that, with no cycle completed, is left over from an earlier program.
     """
     known = np.flatnonzero(robot.count >= 0)
     host, count = robot.host_ns[known], robot.count[known]
@@ -91,7 +91,8 @@ def find_cycles(robot: CounterColumns) -> CycleTable:
     for low, high in zip([0, *bounds], [*bounds, len(known)], strict=True):
         if high == low:
             continue
-        table = _find_in_block(host, count, on_path, int(low), int(high), next_index)
+        first_index = next_index - int(count[low]) if tables else 0
+        table = _find_in_block(host, count, on_path, int(low), int(high), first_index)
         if len(table.cycle_index) and (high == len(known) or table.complete.any()):
             tables.append(table)
             next_index = int(table.cycle_index[-1]) + 1

@@ -73,7 +73,10 @@ def _too_tight(cycles: CycleColumns, limit_mm: float) -> list[str]:
         f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm (standard deviation {sigma:.1f} mm) in cycle "
         f"{cycles.cycle_index[row]}, {cycles.max_curvature_arc_length_m[row] * 1e3:.0f} mm from the anchor."
     )
-    return [sentence]
+    usual = float(np.median(cycles.min_bend_radius_mm[judged & np.isfinite(cycles.min_bend_radius_mm)]))
+    if usual < limit_mm:
+        return [sentence]
+    return [f"{sentence} In the median cycle it is {usual:.1f} mm: see whether the markers of the others are sorted."]
 
 
 def _end_errors(end: RunEnd) -> list[str]:

@@ -40,7 +40,7 @@ class ClockMap:
     nominal_ns_per_tick: float
     """The slope the device claims."""
     residual_sd_ns: float = float("nan")
-    """Standard deviation of the evidence about the line: of the answers' midpoints, or of the hull's own corners."""
+    """Standard deviation of the evidence about the line: of the answers' midpoints, or of the hull over its span."""
     bias_bound_ns: float = float("nan")
     """Bound of the constant error: half the shortest round trip. NaN where one-way data hides it."""
     n_samples: int = 0
@@ -107,7 +107,7 @@ def estimate_hull_map(
         host_origin_ns=host_origin + round(intercept),
         ns_per_tick=nominal_ns_per_tick + slope,
         nominal_ns_per_tick=nominal_ns_per_tick,
-        residual_sd_ns=float(np.sqrt(np.mean(residual**2))),
+        residual_sd_ns=_root_mean_square_over(corners_x, residual),
         n_samples=len(ticks),
     )
 
@@ -269,3 +269,11 @@ def _edge_over(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64], middle: f
     right = int(np.clip(np.searchsorted(x, middle), 1, len(x) - 1))
     slope = (y[right] - y[right - 1]) / (x[right] - x[right - 1])
     return float(slope), float(y[right] - slope * x[right])
+
+
+def _root_mean_square_over(x: npt.NDArray[np.float64], y: npt.NDArray[np.float64]) -> float:
+    """Return the root mean square over x of the polyline through (x, y): a corner counts as long as it lasts."""
+    if len(x) == 1:
+        return float(abs(y[0]))
+    squares = (y[:-1] ** 2 + y[:-1] * y[1:] + y[1:] ** 2) / 3
+    return float(np.sqrt(np.sum(squares * np.diff(x)) / (x[-1] - x[0])))
