@@ -37,7 +37,8 @@ def test_a_record_holds_all_points_in_the_trackers_order() -> None:
 def test_a_record_holds_the_rigid_bodies_and_whether_they_are_tracked() -> None:
     (body,) = record_of(real_frame()).bodies
     assert body.body_id == 2
-    assert body.tracking_valid
+    assert body.tracking_valid is True
+    assert {type(number) for number in (*body.position_m, *body.quaternion_xyzw, body.mean_error_m)} == {float}
     assert body.position_m == pytest.approx((0.17444664, 1.4471314, -0.734304))
     assert np.linalg.norm(body.quaternion_xyzw) == pytest.approx(1.0)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from struct import Struct
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,6 +14,9 @@ from bench.model import NO_ID, UNLABELED, RigidBody, StampKind, TrackerFrame
 
 __all__ = ["capture_stamp", "make_record"]
 
+BODY_ROW = Struct("<i8fH")
+"""One item of `frame.BODY`, as plain numbers."""
+TRACKING_VALID = 1
 SAME_PLACE_M = 0.001
 """Another marker within this distance of a rigid body's marker is that marker."""
 
@@ -58,11 +63,15 @@ def make_record(
         ids=ids,
         flags=flags,
         residual_m=residual,
-        bodies=tuple(
-            RigidBody(body_id, tuple(position), tuple(quaternion), error_m, bool(params & 1))
-            for body_id, position, quaternion, error_m, params in frame.bodies.tolist()
-        ),
+        bodies=_make_bodies(frame) if len(frame.bodies) else (),
         segment=segment,
+    )
+
+
+def _make_bodies(frame: Frame) -> tuple[RigidBody, ...]:
+    return tuple(
+        RigidBody(body_id, (x, y, z), (qx, qy, qz, qw), error_m, bool(params & TRACKING_VALID))
+        for body_id, x, y, z, qx, qy, qz, qw, error_m, params in BODY_ROW.iter_unpack(frame.bodies.tobytes())
     )
 
 
