@@ -161,10 +161,21 @@ def read_offsets(descriptor: int, chunk: Chunk, data: bytes) -> dict[int, Offset
     offsets = {}
     for channel, (position, n) in chunk.index.items():
         entries = np.frombuffer(os.pread(descriptor, 16 * n, position), "<u8")[1::2]
-        if len(entries) != n or (n and int(entries.max()) + 31 > len(data)):
-            raise DamagedError("its index points beyond it")
+        if len(entries) != n or not _are_messages(data, entries, channel):
+            return _walk_messages(data)
         offsets[channel] = np.sort(entries.astype(np.int64))
     return offsets
+
+
+def _are_messages(data: bytes, entries: npt.NDArray[np.uint64], channel: int) -> bool:
+    """Check that the index, which has no checksum of its own, points at messages of its channel."""
+    if len(entries) == 0:
+        return True
+    if int(entries.max()) + _HEAD.size + _MESSAGE_HEAD > len(data):
+        return False
+    raw = np.frombuffer(data, np.uint8)
+    low, high = raw[entries + np.uint64(9)], raw[entries + np.uint64(10)]
+    return bool(((raw[entries] == _MESSAGE) & (low == channel & 0xFF) & (high == channel >> 8)).all())
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
@@ -199,7 +210,7 @@ def _scan_record(descriptor: int, offset: int, found: Container) -> int:
     elif opcode == _MESSAGE_INDEX:
         _note_index(head[_HEAD.size :], body, length, found)
     elif opcode == _MESSAGE:
-        raise DamagedError(f"there is a message outside a chunk at byte {offset}, which bench never writes")
+        raise DamagedError(f"a message stands outside a chunk at byte {offset}")
     elif opcode in {_SCHEMA, _CHANNEL, _METADATA}:
         _note_definition(opcode, _read_note(descriptor, body, length), found)
     elif opcode == _FOOTER:
@@ -230,7 +241,11 @@ def _note_index(head: bytes, body: int, length: int, found: Container) -> None:
         return
     channel, size = _INDEX_HEAD.unpack_from(head)
     if size != length - _INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
-        raise DamagedError(f"the message index at byte {body} has an impossible length")
+        # a broken index is worth nothing, but the chunk can be walked without it
+        found.current.index.clear()
+        found.current.counts.clear()
+        found.current = None
+        return
     found.current.index[channel] = (body + _INDEX_HEAD.size, size // 16)
     found.current.counts[channel] = size // 16
 
@@ -253,7 +268,7 @@ def _note_definition(opcode: int, body: bytes, found: Container) -> None:
             note = records.Metadata.read(stream)
             found.metadata.setdefault(note.name, {}).update(note.metadata)
     except (struct.error, ValueError, McapError) as error:
-        raise DamagedError(f"a record of kind {opcode} cannot be read: {error}") from error
+        found.damage.append(f"a record of kind {opcode} cannot be read: {error}")
 
 
 def _note_channel(channel: records.Channel, found: Container) -> None:

@@ -50,7 +50,7 @@ class OutputFile:
         self.path = path
         self.active = active_path(path)
         with _explained(path):
-            path.parent.mkdir(parents=True, exist_ok=True)
+            _make_folder(path)
             _verify_absent(path)
             _verify_absent(self.active)
             try:
@@ -122,6 +122,15 @@ class OutputFile:
         except FileExistsError as error:
             raise _taken(self.path, f"The recording is complete in {self.active}.") from error
         self.active.replace(self.path)
+
+
+def _make_folder(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except (FileExistsError, NotADirectoryError) as error:
+        raise RecordingError(
+            f"{path} cannot be written: {path.parent} is, or lies under, a file.", hint="Choose another --output."
+        ) from error
 
 
 def _verify_absent(path: Path) -> None:

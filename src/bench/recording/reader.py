@@ -57,6 +57,8 @@ def open_run(path: str | Path) -> Run:
     path = Path(path)
     with opened(path) as descriptor:
         container = _scan(descriptor, path)
+    if not container.chunks and "outside a chunk" in container.problem:
+        raise RecordingError(f"{path} cannot be read: {container.problem}.", hint="Write it with chunks.")
     if "bench.run" not in container.metadata:
         if container.finished:
             raise RecordingError(
@@ -214,9 +216,7 @@ def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
 
 
 def _describe_status(container: Container, exit_status: str) -> RunStatus:
-    lost = [*container.damage]
-    if not container.finished:
-        lost.insert(0, "what was received in about the last second before the recording broke off")
+    lost = [*container.damage, *_describe_missing_end(container)]
     n_messages = sum(_count_by_topic(container).values())
     read = f"{n_messages} messages{_describe_end(container)}"
     if container.finished:
@@ -224,6 +224,16 @@ def _describe_status(container: Container, exit_status: str) -> RunStatus:
     else:
         text = f"unfinished: {read} were read, then {container.problem}"
     return RunStatus(not lost, text, "; ".join(lost), container.end, container.size)
+
+
+def _describe_missing_end(container: Container) -> list[str]:
+    if container.finished:
+        return []
+    if "bench.end" in container.metadata:  # written after the last chunk
+        return ["only the file's summary, every record is there"]
+    unread = container.size - container.end
+    rest = f"{unread} bytes from byte {container.end} on and " if unread else ""
+    return [f"{rest}what was received in about the last second before the recording broke off"]
 
 
 def _describe_end(container: Container) -> str:

@@ -1,0 +1,336 @@
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap.writer import CompressionType, IndexType, Writer
+from recording_examples import make_frame, make_state, one_of_each, write_run
+
+from bench.errors import RecordingError, RecordingUnfinishedError
+from bench.recording import FRAME, POINTS, ROBOT, STATE, STATS, Run, open_run
+from bench.recording.topics import TOPICS
+
+PATIENCE_S = 30.0
+CHUNK_HEAD = 9
+N_FRAMES = 30
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return a finished file of many small chunks."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+        some = [r for i in range(N_FRAMES) for r in (make_state(i), make_frame(i, n_points=i % 5, n_bodies=i % 3))]
+        return write_run(tmp_path_factory.mktemp("runs") / "run.mcap", [*some, *one_of_each()]).read_bytes()
+
+
+def _open_bytes(folder: Path, data: bytes) -> Run:
+    path = folder / "changed.mcap"
+    path.write_bytes(data)
+    run = open_run(path)
+    run.load(TOPICS)
+    return run
+
+
+def _chunks(data: bytes) -> list[tuple[int, int]]:
+    """Return start and end of every chunk record, by an own walk."""
+    found, offset = [], 8
+    while offset + 9 <= len(data) - 8:
+        opcode, length = struct.unpack_from("<BQ", data, offset)
+        if opcode == 6:
+            found.append((offset, offset + 9 + length))
+        offset += 9 + length
+    return found
+
+
+def test_every_complete_chunk_before_a_cut_is_read(recording: bytes, tmp_path: Path) -> None:
+    whole = _open_bytes(tmp_path, recording)
+    chunks = _chunks(recording)
+    assert len(chunks) >= 8
+    per_chunk = whole[ROBOT].sequence.tolist()
+    seen = -1
+    cuts = sorted({*range(0, len(recording), 37), *(e + d for _, e in chunks for d in (-1, 0, 1, 20))})
+    for cut in cuts:
+        try:
+            run = _open_bytes(tmp_path, recording[:cut])
+        except RecordingError:
+            assert seen == -1, cut
+            continue
+        states = run[ROBOT].sequence.tolist()
+        assert states == per_chunk[: len(states)]
+        assert len(states) >= seen
+        assert not run.status.complete
+        assert run.status.lost
+        n_chunks = sum(end <= cut for _, end in chunks)
+        assert (len(states) > 0) == (n_chunks > 0)
+        assert len(run[POINTS].offsets) == len(run[FRAME].frame_number) + 1
+        seen = max(seen, len(states))
+    assert seen == len(per_chunk)
+
+
+def test_a_file_that_lost_its_summary_only_is_read_whole(recording: bytes, tmp_path: Path) -> None:
+    run = _open_bytes(tmp_path, recording[:-9])
+    assert run[ROBOT].sequence.tolist() == _open_bytes(tmp_path, recording)[ROBOT].sequence.tolist()
+    assert run.exit_status == "success"
+    assert not run.status.complete
+    assert run.status.lost == "only the file's summary, every record is there"
+
+
+def test_an_unfinished_run_knows_its_last_statistics(recording: bytes, tmp_path: Path) -> None:
+    run = _open_bytes(tmp_path, recording[: _chunks(recording)[-1][1]])
+    assert run.exit_status == "unfinished"
+    assert "unfinished: " in str(run.status)
+    assert run.totals[ROBOT].written == run.topics[ROBOT]
+    assert run.topics[STATS] > 0
+
+
+def test_a_flipped_bit_costs_its_chunk_and_is_told(recording: bytes, tmp_path: Path) -> None:
+    whole = _open_bytes(tmp_path, recording)[ROBOT].sequence.tolist()
+    for start, end in _chunks(recording):
+        damaged = bytearray(recording)
+        damaged[(start + end) // 2] ^= 0x10
+        run = _open_bytes(tmp_path, bytes(damaged))
+        left = run[ROBOT].sequence.tolist()
+        assert 0 < len(left) <= len(whole)
+        assert set(left) <= set(whole)
+        assert not run.status.complete
+        assert f"chunk at byte {start + CHUNK_HEAD}" in run.status.lost
+        assert str(run.status).startswith("damaged: ")
+        assert sum(run.topics.values()) < sum(_open_bytes(tmp_path, recording).topics.values())
+
+
+def test_a_damaged_message_index_costs_nothing(recording: bytes, tmp_path: Path) -> None:
+    whole = _open_bytes(tmp_path, recording)
+    for _, end in _chunks(recording):
+        (length,) = struct.unpack_from("<Q", recording, end + 1)
+        for at in (end + 9 + 2, end + 9 + 6 + 8, end + 9 + 6 + 15, end + 9 + length - 2):
+            damaged = bytearray(recording)
+            damaged[at] ^= 0x41
+            run = _open_bytes(tmp_path, bytes(damaged))
+            assert run[ROBOT].q_rad.tobytes() == whole[ROBOT].q_rad.tobytes()
+            assert run[POINTS].points_m.tobytes() == whole[POINTS].points_m.tobytes()
+
+
+def test_losing_the_first_chunk_of_an_unfinished_file_does_not_make_the_others_unreadable(
+    recording: bytes, tmp_path: Path
+) -> None:
+    chunks = _chunks(recording)
+    damaged = bytearray(recording[: chunks[-1][1]])
+    damaged[(chunks[0][0] + chunks[0][1]) // 2] ^= 0x10
+    run = _open_bytes(tmp_path, bytes(damaged))
+    whole = _open_bytes(tmp_path, recording)[ROBOT].sequence.tolist()
+    left = run[ROBOT].sequence.tolist()
+    assert left == whole[len(whole) - len(left) :]
+    assert len(left) > len(whole) // 2
+
+
+@settings(max_examples=150, deadline=None)
+@given(data=st.data())
+def test_whatever_bytes_are_changed_only_our_own_errors_come(recording: bytes, data: st.DataObject) -> None:
+    import tempfile
+
+    changed = bytearray(recording)
+    for _ in range(data.draw(st.integers(1, 4))):
+        at = data.draw(st.integers(0, len(changed) - 9))
+        new = data.draw(st.sampled_from([b"\xff" * 8, b"\0" * 8, b"\x01", b"\x06", b"\xff\xff\xff\x7f", b"\x80"]))
+        changed[at : at + len(new)] = new
+    if data.draw(st.booleans()):
+        del changed[data.draw(st.integers(0, len(changed))) :]
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            run = _open_bytes(Path(folder), bytes(changed))
+        except RecordingError:
+            return
+        assert len(run[ROBOT].q_rad) <= N_FRAMES + 1
+        assert str(run.status)
+
+
+def test_zeros_at_the_end_as_a_power_cut_leaves_them_are_no_records(recording: bytes, tmp_path: Path) -> None:
+    chunks = _chunks(recording)
+    run = _open_bytes(tmp_path, recording[: chunks[3][1]] + bytes(8192))
+    assert "no record begins" in str(run.status)
+    assert len(run[ROBOT].sequence) > 0
+
+
+def test_a_lying_length_is_damage_and_not_memory(recording: bytes, tmp_path: Path) -> None:
+    start, end = _chunks(recording)[2]
+    for offset, lie in ((1, 2**63), (1, 2**40), (9 + 16, 2**62), (9 + 16, 2**31)):
+        damaged = bytearray(recording)
+        struct.pack_into("<Q", damaged, start + offset, lie)
+        run = _open_bytes(tmp_path, bytes(damaged))
+        assert not run.status.complete
+        assert 0 < len(run[ROBOT].sequence) < N_FRAMES + 1
+    assert end > start
+
+
+@pytest.mark.parametrize(
+    ("data", "sentence"),
+    [
+        (b"", "is empty"),
+        (b"PK\x03\x04 a zip file", "is not an MCAP file"),
+        (os.urandom(5000), "is not an MCAP file"),
+        (b"\x89MCAP0\r\n", "holds nothing that can be read"),
+    ],
+)
+def test_a_file_that_is_no_recording_is_one_sentence(tmp_path: Path, data: bytes, sentence: str) -> None:
+    with pytest.raises(RecordingError, match=sentence):
+        _open_bytes(tmp_path, data)
+
+
+def test_a_file_that_is_not_there_is_one_sentence(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"cannot be opened: No such file or directory\.$"):
+        open_run(tmp_path / "run.mcap")
+    with pytest.raises(RecordingError, match="cannot be read: Is a directory"):
+        open_run(tmp_path)
+    (tmp_path / "run.mcap.active").write_bytes(b"")
+    with pytest.raises(RecordingError, match=r"run\.mcap\.active can be read in its place"):
+        open_run(tmp_path / "run.mcap")
+    with pytest.raises(RecordingUnfinishedError):
+        open_run(tmp_path / "run.mcap.active")
+
+
+def test_another_programs_mcap_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as stream:
+        writer = Writer(stream)
+        writer.start()
+        channel = writer.register_channel("/imu", "json", writer.register_schema("Imu", "jsonschema", b"{}"))
+        writer.add_message(channel, 1, b"{}", 1)
+        writer.finish()
+    with pytest.raises(RecordingError, match="not a recording of bench"):
+        open_run(path)
+
+
+def _rewrite(recording: bytes, path: Path, compression: CompressionType, **options: object) -> Path:
+    """Copy a recording with another program's settings, as ``mcap compress`` or ``mcap filter`` do."""
+    source = path.with_suffix(".source")
+    source.write_bytes(recording)
+    with source.open("rb") as stream, path.open("wb") as target:
+        reader = make_reader(stream)
+        writer = Writer(target, chunk_size=4000, compression=compression, **options)  # type: ignore[arg-type]
+        writer.start()
+        channels: dict[str, int] = {}
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        for schema, channel, message in reader.iter_messages(log_time_order=False):
+            assert schema is not None
+            if channel.topic not in channels:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", schema_id)
+            writer.add_message(
+                channels[channel.topic], message.log_time, message.data, message.publish_time, message.sequence
+            )
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+@pytest.mark.parametrize("index", [IndexType.ALL, IndexType.NONE])
+def test_a_copy_with_other_chunks_reads_the_same(
+    recording: bytes, tmp_path: Path, compression: CompressionType, index: IndexType
+) -> None:
+    original = _open_bytes(tmp_path, recording)
+    copy = open_run(_rewrite(recording, tmp_path / "copy.mcap", compression, index_types=index))
+    assert copy.topics == original.topics
+    for topic in TOPICS:
+        for name, column in original[topic].items():
+            np.testing.assert_array_equal(copy[topic][name], column, err_msg=name)
+    assert copy.status.complete
+
+
+def test_a_copy_without_chunks_is_refused_in_words(recording: bytes, tmp_path: Path) -> None:
+    path = _rewrite(recording, tmp_path / "copy.mcap", CompressionType.NONE, use_chunking=False)
+    with pytest.raises(RecordingError, match="a message stands outside a chunk"):
+        open_run(path)
+
+
+def test_an_unknown_topic_is_refused_with_the_known_ones(recording: bytes, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="'/nonsense' is no topic of a run file; there are: /robot/state"):
+        _open_bytes(tmp_path, recording)["/nonsense"]
+
+
+def test_points_without_their_frames_are_refused(recording: bytes, tmp_path: Path) -> None:
+    source, path = tmp_path / "source.mcap", tmp_path / "copy.mcap"
+    source.write_bytes(recording)
+    with source.open("rb") as stream, path.open("wb") as target:
+        reader = make_reader(stream)
+        writer = Writer(target)
+        writer.start()
+        for metadata in reader.iter_metadata():
+            writer.add_metadata(metadata.name, metadata.metadata)
+        for schema, channel, message in reader.iter_messages(topics=[POINTS], log_time_order=False):
+            assert schema is not None
+            schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+            writer.add_message(writer.register_channel(channel.topic, "cdr", schema_id), 1, message.data, 1)
+        writer.finish()
+    with pytest.raises(RecordingError):
+        open_run(path)[POINTS]
+
+
+def test_an_older_definition_is_read_by_its_own_layout(tmp_path: Path) -> None:
+    path = tmp_path / "old.mcap"
+    text = b"int64 arrival_ns\nfloat64[6] q_rad\nint32 cycle_count\n"
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.LZ4)
+        writer.start()
+        writer.add_metadata("bench.run", {"run_id": "old"})
+        schema = writer.register_schema("bench_msgs/msg/RobotState", "ros2msg", text)
+        channel = writer.register_channel(ROBOT, "cdr", schema)
+        payload = b"\0\1\0\0" + struct.pack("<q6di", 5, *range(6), 3)
+        writer.add_message(channel, 7, payload, 6, 9)
+        writer.finish()
+    columns = open_run(path)[ROBOT]
+    assert columns.q_rad.tolist() == [[0, 1, 2, 3, 4, 5]]
+    assert (columns.cycle_count.tolist(), columns.sequence.tolist()) == ([3], [9])
+    assert "tcp_pose" not in columns
+
+
+RECORDING_CHILD = """
+import sys
+from pathlib import Path
+from recording_examples import make_frame, make_state, open_writer
+from bench.timing import RunClock
+
+clock = RunClock.start()
+writer = open_writer(Path(sys.argv[1]), clock)
+start = clock.now_ns()
+for i in range(1_000_000):
+    clock.sleep_until_ns(start + i * 2_000_000)
+    writer.put(make_state(i))
+    writer.put(make_frame(i))
+    if i % 25 == 0:
+        print(i, flush=True)
+"""
+
+
+def test_a_killed_recording_loses_about_a_second_at_most(tmp_path: Path) -> None:
+    path = tmp_path / "run.mcap"
+    environment = os.environ | {
+        "PYTHONPATH": os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    }
+    child = subprocess.Popen(
+        [sys.executable, "-c", RECORDING_CHILD, str(path)], stdout=subprocess.PIPE, text=True, env=environment
+    )
+    assert child.stdout is not None
+    with child:
+        try:
+            last = next(int(line) for line in child.stdout if int(line) >= 1200)
+        finally:
+            os.kill(child.pid, signal.SIGKILL)
+    run = open_run(path.with_name("run.mcap.active"))
+    assert not run.status.complete
+    states = run[ROBOT].sequence
+    assert states.tolist() == list(range(len(states)))
+    assert len(run[POINTS].frame_number) == len(run[FRAME].frame_number)
+    # 500 records a second: one second, and as much again for a machine that is busy with other things
+    assert last - len(states) <= 1000
+    assert run.topics.get(STATE, 0) == 0
