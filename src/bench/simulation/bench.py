@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ from bench.simulation.device_clock import DeviceClock
 from bench.simulation.natnet import NatNetServer
 from bench.simulation.path import JointPath
 from bench.simulation.program import PathProgram
-from bench.simulation.scene import Scene, make_cable, make_layout
+from bench.simulation.scene import Scene, make_layout
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.truth import TruthWriter
 from bench.simulation.ur import UrController
@@ -49,8 +50,6 @@ class SimulatedBench:
     ------
     ConfigError
         A table is missing, or the cable cannot be simulated.
-    RecordingError
-        The truth file exists or cannot be created.
     """
 
     def __init__(self, config: Config, clock: Clock, *, truth: Path | None = None) -> None:
@@ -63,9 +62,9 @@ class SimulatedBench:
         self.scheduler = Scheduler(clock)
         path = JointPath(make_layout(config).path_amplitude)
         self.program = PathProgram(config.robot.program, cycle_s=self._simulation.cycle_s, path=path)
-        cable = make_cable(config, path)
-        self._truth = _open_truth(truth, config, cable)
-        self.scene = Scene(config, self.program, cable=cable, truth=self._truth.put if self._truth else None)
+        self.scene = Scene(config, self.program)
+        self._truth: TruthWriter | None = None
+        self._open_truth = partial(_open_truth, truth, config, self.scene.cable)
         started_ns = clock.now_ns()
         self.robot = self._make_robot(config.robot, started_ns)
         self.tracker = self._make_tracker(config.tracker, started_ns)
@@ -77,7 +76,11 @@ class SimulatedBench:
         ------
         ConnectError
             A port is already in use; nothing stays open, and no truth file is left behind.
+        RecordingError
+            The truth file exists or cannot be created.
         """
+        self._truth = self._open_truth()
+        self.scene.truth = self._truth.put if self._truth else None
         try:
             self.robot.open()
             self.tracker.open()

@@ -87,7 +87,8 @@ class Scene:
     ) -> None:
         simulation = config.simulation or SimulationConfig()
         self._program = program
-        self._truth = truth
+        self.truth = truth
+        """May be given before the first exposure."""
         self.cable = cable or make_cable(config, program.path)
         self._markers = Markers(config, self.cable)
         self._noise_m = simulation.noise_mm * 1e-3
@@ -107,8 +108,8 @@ class Scene:
         all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, true_m[n_loose:]])
         noise = self._rng.normal(scale=self._noise_m, size=all_m.shape)
         order = self._rng.permutation(self._see())
-        if self._truth is not None:
-            self._truth(frame_number, host_ns, motion, self._sources(order))
+        if self.truth is not None:
+            self.truth(frame_number, host_ns, motion, self._sources(order))
         return Exposure(
             (all_m + noise)[order].astype(np.float32),
             self._ids[order],

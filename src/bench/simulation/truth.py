@@ -131,7 +131,7 @@ class TruthWriter:
                     self._write(rows)
             self._writer.close()
         except Exception as error:  # the simulation goes on; close() says that the truth does not
-            logger.exception("the truth file %s cannot be written", self._active)
+            logger.error("the truth file %s cannot be written: %s", self._active, error)  # noqa: TRY400 - no traceback
             self._failure = error
             while self._lots.get() is not None:
                 pass

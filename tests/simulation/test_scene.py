@@ -1,0 +1,247 @@
+import numpy as np
+import pytest
+
+from bench.config import Config
+from bench.errors import ConfigError
+from bench.simulation.cable import Cable
+from bench.simulation.ghosts import Ghosts
+from bench.simulation.kinematics import flange_transforms
+from bench.simulation.layout import Layout
+from bench.simulation.path import JointPath
+from bench.simulation.program import PathProgram
+from bench.simulation.scene import Scene, make_cable
+
+MS = 1_000_000
+START = 1_700_000_000_000_000_000
+PATH = JointPath()
+ARC_LENGTH = [0.06, 0.18, 0.3, 0.42, 0.54, 0.66, 0.78, 0.9, 1.02, 1.14]
+
+
+def make_config(anchor=None, end=None, arc_length=ARC_LENGTH, **simulation):
+    cable = {
+        "length_m": 1.2,
+        "diameter_mm": 8.0,
+        "marker_arc_length_m": arc_length,
+        "minimum_bend_radius_mm": 60.0,
+        "anchor": anchor or {"kind": "static_marker"},
+    }
+    if end is not None:
+        cable["end"] = end
+    return Config.model_validate({"cable": cable, "simulation": simulation})
+
+
+@pytest.fixture(scope="module")
+def cable():
+    return make_cable(make_config(), PATH)
+
+
+class Watch:
+    """A scene whose robot moves, and the truth it hands over."""
+
+    def __init__(self, config, cable):
+        self.program = PathProgram(cycle_s=1.0, path=PATH)
+        self.program.play()
+        self.truth = []
+        self.scene = Scene(config, self.program, cable=cable, truth=lambda *row: self.truth.append(row))
+        self.cable = self.scene.cable
+        self.now = START
+
+    def expose(self, n_frames):
+        seen = []
+        for _ in range(n_frames):
+            self.now += 10 * MS
+            self.program.tick(self.now, 100)
+            seen.append(self.scene.expose(1000 + len(self.truth), self.now + 3 * MS))
+        return seen
+
+    def place(self, index=-1):
+        return self.truth[index][2].place
+
+
+def test_the_markers_are_on_the_cable_and_the_static_one_on_the_pole(cable):
+    watch = Watch(make_config(noise_mm=0.0), cable)
+    exposure = watch.expose(30)[-1]
+    source = watch.truth[-1][3]
+    true_m = cable.points([*ARC_LENGTH, 0.0]).at(watch.place())
+    assert exposure.points_m.shape == (11, 3)
+    assert exposure.points_m.dtype == np.float32
+    np.testing.assert_allclose(exposure.points_m[source], true_m[:10], atol=1e-6)
+    (static,) = set(range(11)) - set(source.tolist())
+    np.testing.assert_allclose(exposure.points_m[static], true_m[10], atol=1e-6)
+
+
+def test_every_source_points_at_its_own_marker(cable):
+    watch = Watch(make_config(noise_mm=0.05, miss_probability=0.2, ghost_count=3), cable)
+    table = cable.points(ARC_LENGTH)
+    for index, exposure in enumerate(watch.expose(200)):
+        _, _, motion, source = watch.truth[index]
+        found = source >= 0
+        assert len(set(source[found].tolist())) == found.sum()
+        distance = np.linalg.norm(exposure.points_m[source[found]] - table.at(motion.place)[found], axis=1)
+        assert distance.max() < 0.0004
+
+
+def test_all_points_are_unlabeled_unless_a_rigid_body_has_them(cable):
+    loose = Watch(make_config(ghost_count=2), cable).expose(1)[0]
+    assert set(loose.flags.tolist()) == {0x12}
+    assert len(loose.flags) == 13
+    assert loose.bodies == ()
+
+
+def test_a_rigid_body_anchor_has_its_centre_of_gravity_on_the_pole(cable):
+    watch = Watch(make_config(anchor={"kind": "rigid_body", "name": "pole"}, noise_mm=0.0), cable)
+    exposure = watch.expose(3)[-1]
+    labeled = exposure.flags == 0x0A
+    assert sorted(exposure.ids[labeled].tolist()) == [0x10001, 0x10002, 0x10003, 0x10004]
+    clamp = cable.points([0.0]).at(0.0)[0]
+    np.testing.assert_allclose(exposure.points_m[labeled].mean(axis=0), clamp, atol=1e-6)
+    np.testing.assert_allclose(exposure.bodies[0].position_m, clamp, atol=1e-9)
+    assert len(exposure.points_m) == 14
+    assert watch.scene.bodies[1][0] == "pole"
+
+
+def test_a_bodys_markers_are_where_its_pose_and_its_offsets_say(cable):
+    from scipy.spatial.transform import Rotation
+
+    config = make_config({"kind": "rigid_body", "name": "pole"}, {"kind": "rigid_body", "name": "tool"}, noise_mm=0.0)
+    watch = Watch(config, cable)
+    exposure = watch.expose(40)[-1]
+    assert [body.body_id for body in exposure.bodies] == [1, 2]
+    for body in exposure.bodies:
+        offsets = watch.scene.bodies[body.body_id][1]
+        expected = Rotation.from_quat(body.quaternion_xyzw).apply(offsets) + body.position_m
+        for member in range(4):
+            (index,) = np.flatnonzero(exposure.ids == (body.body_id << 16 | member + 1))
+            np.testing.assert_allclose(exposure.points_m[index], expected[member], atol=2e-6)
+
+
+def test_the_end_body_rides_on_the_flange(cable):
+    watch = Watch(make_config(end={"kind": "rigid_body", "name": "tool"}, noise_mm=0.0), cable)
+    positions = []
+    for _ in range(5):
+        (body,) = watch.expose(10)[-1].bodies
+        motion = watch.truth[-1][2]
+        flange = flange_transforms(np.array(motion.q_rad))[:3, 3]
+        np.testing.assert_allclose(body.position_m, cable.layout.base_to_lab(flange), atol=1e-5)
+        positions.append(body.position_m)
+    assert np.ptp(positions, axis=0).max() > 0.02
+
+
+def test_without_an_anchor_only_the_cables_markers_are_seen(cable):
+    assert len(Watch(make_config({"kind": "none"}), cable).expose(1)[0].points_m) == 10
+
+
+def test_the_same_seed_gives_the_same_frames_and_another_one_others(cable):
+    settings = {"miss_probability": 0.1, "ghost_count": 2}
+    first, second = (Watch(make_config(seed=5, **settings), cable).expose(50) for _ in range(2))
+    other = Watch(make_config(seed=6, **settings), cable).expose(50)
+    for a, b in zip(first, second, strict=True):
+        np.testing.assert_array_equal(a.points_m, b.points_m)
+        np.testing.assert_array_equal(a.ids, b.ids)
+    assert [e.points_m.tolist() for e in first] != [e.points_m.tolist() for e in other]
+
+
+def test_noise_has_the_configured_standard_deviation(cable):
+    watch = Watch(make_config(noise_mm=0.3), cable)
+    table = cable.points(ARC_LENGTH)
+    seen = zip(watch.expose(200), watch.truth, strict=True)
+    errors = [e.points_m[row[3]] - table.at(row[2].place) for e, row in seen]
+    np.testing.assert_allclose(np.std(errors, axis=(0, 1)), 3e-4, rtol=0.05)
+
+
+def test_markers_are_missed_as_often_as_configured(cable):
+    watch = Watch(make_config(miss_probability=0.2, anchor={"kind": "none"}), cable)
+    watch.expose(500)
+    hidden = np.mean([row[3] < 0 for row in watch.truth])
+    assert hidden == pytest.approx(0.2, abs=0.02)
+
+
+def test_the_static_marker_is_missed_too(cable):
+    watch = Watch(make_config(miss_probability=0.5, arc_length=[0.1, 0.2]), cable)
+    counts = {len(e.points_m) - int((row[3] >= 0).sum()) for e, row in zip(watch.expose(50), watch.truth, strict=True)}
+    assert counts == {0, 1}
+
+
+def test_a_frame_may_be_empty(cable):
+    exposure = Watch(make_config(miss_probability=1.0), cable).expose(1)[0]
+    assert exposure.points_m.shape == (0, 3)
+    assert exposure.ids.shape == (0,)
+
+
+def test_a_marker_keeps_its_number_while_it_is_seen_and_gets_a_new_one_after_a_gap(cable):
+    watch = Watch(make_config(miss_probability=0.3), cable)
+    exposures = watch.expose(100)
+    before = {}
+    ever = set()
+    for exposure, (_, _, _, source) in zip(exposures, watch.truth, strict=True):
+        now = {i: int(exposure.ids[s]) for i, s in enumerate(source) if s >= 0}
+        for marker, number in now.items():
+            if marker in before:
+                assert number == before[marker]
+            else:
+                assert number not in ever
+        ever |= set(now.values())
+        before = now
+
+
+def test_the_order_within_a_frame_changes_from_frame_to_frame(cable):
+    watch = Watch(make_config(), cable)
+    watch.expose(20)
+    assert len({tuple(row[3].tolist()) for row in watch.truth}) > 15
+
+
+def test_the_number_of_ghosts_is_constant(cable):
+    counts = {len(e.points_m) for e in Watch(make_config(ghost_count=4), cable).expose(60)}
+    assert counts == {15}
+
+
+def test_ghosts_stand_still_for_four_frames_and_some_for_longer():
+    rng = np.random.default_rng(8)
+    ghosts = Ghosts(50, rng)
+    ages, lives = np.zeros(50, dtype=int), []
+    for _ in range(200):
+        born = ghosts.step(np.zeros((3, 3)))
+        lives.extend(ages[born][ages[born] > 0].tolist())
+        ages[born] = 0
+        ages += 1
+    assert np.median(lives) == 4
+    assert np.mean(np.array(lives) > 10) == pytest.approx(0.25, abs=0.03)
+
+
+def test_half_of_the_ghosts_are_born_near_the_cable_and_none_beyond_2_m():
+    ghosts = Ghosts(4000, np.random.default_rng(9))
+    cable_m = np.array([[0.0, 1.0, 0.0], [0.1, 1.0, 0.0]])
+    ghosts.step(cable_m)
+    distance = np.linalg.norm(ghosts.positions_m - cable_m.mean(axis=0), axis=1)
+    assert distance.max() < 2.0
+    assert np.mean(distance < 0.3) == pytest.approx(0.5, abs=0.03)
+
+
+def test_the_truth_gives_frame_time_and_motion_of_each_exposure(cable):
+    watch = Watch(make_config(), cable)
+    watch.expose(5)
+    assert [row[0] for row in watch.truth] == [1000, 1001, 1002, 1003, 1004]
+    assert watch.truth[2][1] == START + 33 * MS
+    assert watch.truth[4][2] == watch.program.motion_at(START + 53 * MS)
+
+
+def test_a_scene_solves_its_own_cable():
+    config = make_config()
+    scene = Scene(config, PathProgram(path=PATH))
+    assert isinstance(scene.cable, Cable)
+    assert scene.cable.layout == Layout(1.2)
+
+
+def test_a_static_end_on_a_moving_flange_is_refused(cable):
+    with pytest.raises(ConfigError, match="moves with the robot"):
+        Watch(make_config(end={"kind": "static_marker"}), cable)
+
+
+def test_two_bodies_with_one_name_are_refused(cable):
+    with pytest.raises(ConfigError, match="both name the rigid body 'pole'"):
+        Watch(make_config({"kind": "rigid_body", "name": "pole"}, {"kind": "rigid_body", "name": "pole"}), cable)
+
+
+def test_a_marker_on_the_static_one_is_refused(cable):
+    with pytest.raises(ConfigError, match="lies on the pole's static marker"):
+        Watch(make_config(arc_length=[0.0, 0.1, 0.2]), cable)
