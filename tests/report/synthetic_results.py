@@ -62,7 +62,7 @@ def make_frames(n_cycles: int, per_cycle: int, rng: np.random.Generator) -> Fram
 
 def make_cycles(frames: FrameColumns, n_cycles: int, per_cycle: int) -> CycleColumns:
     start = START_NS + (np.arange(n_cycles) * CYCLE_S * 1e9).astype(np.int64)
-    curvature = frames.curvature_per_m.reshape(n_cycles, -1).astype(float)
+    curvature = frames.curvature_per_m.reshape(n_cycles, per_cycle * GRID_M.size).astype(float)
     place = curvature.argmax(axis=1) if n_cycles else np.zeros(0, dtype=np.int64)
     largest = curvature.max(axis=1) if n_cycles else np.zeros(0)
     return CycleColumns(
@@ -124,6 +124,7 @@ def make_results(n_cycles: int = 20, per_cycle: int = 50, **changes: Any) -> Res
             "Tracker": "Motive 3.1.0, NatNet 4.1, 100 Hz",
             "Started": "2026-03-04 20:00:05 UTC",
             "Operator": "M. Curie",
+            "Cable": "1200 mm long, 8 mm thick, 10 markers, bend radius at least 60 mm",
         },
         arc_length_m=GRID_M,
         marker_arc_length_m=np.linspace(0.06, 1.14, 10),

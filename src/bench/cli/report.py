@@ -21,7 +21,6 @@ __all__ = ["report"]
 
 EXIT_CODES = {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.ERROR: 6}
 """ERROR is the bench's fault: there is no verdict on the cable, so the analysis did not succeed."""
-OUTPUTS = ("report.html", "summary.json", "cycles.parquet", "markers.parquet", "curvature.parquet")
 GATES = ("minimum_bend_radius_mm", "stretch", "axial_stiffness_n", "max_tension_n", "shorten")
 """Keys of [cable] that are limits of the analysis and not facts about the cable that was recorded."""
 
@@ -83,12 +82,10 @@ def _stem(run: Path) -> str:
 def _verify_free(folder: Path) -> None:
     if folder.exists() and not folder.is_dir():
         raise RecordingExistsError(f"{folder} is a file, not a folder.", hint="Choose another --output.")
-    taken = [name for name in OUTPUTS if (folder / name).exists()]
-    if taken:
-        raise RecordingExistsError(
-            f"{folder} already holds {', '.join(taken)}; results are not overwritten.",
-            hint="Choose another --output, or move them away.",
-        )
+    from bench.report.html import REPORT_NAME
+    from bench.report.tables import TABLE_FILES, verify_folder_is_free
+
+    verify_folder_is_free(folder, (REPORT_NAME, *TABLE_FILES))
 
 
 def _report_or_say(run: Path, folder: Path, settings: Config | None) -> int:
@@ -108,7 +105,8 @@ def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
     from bench.report.tables import write_tables
 
     run = open_run(path)
-    results = analyse_run(run, _with_limits(run.config, settings, path) if settings else run.config)
+    settings_used = _with_limits(run.config, settings, path) if settings else run.config
+    results = analyse_run(run, settings_used, run_path=path.name)
     folder.mkdir(parents=True, exist_ok=True)
     write_tables(results, folder)
     page = write_report(results, folder)

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from bench.model import Verdict
 from bench.report.results import Results
 
-__all__ = ["Headline", "TightestBend", "find_tightest_bend", "radius_interval_mm", "summarise"]
+__all__ = ["Headline", "TightestBend", "find_tightest_bend", "find_unjudged_bend", "radius_interval_mm", "summarise"]
 
 NAN = float("nan")
+JUDGED = (Verdict.OK, Verdict.SLOW)
+"""Verdicts of the cycles on which an outcome may rest: they were driven and recorded whole."""
 
 
 @dataclass(frozen=True)
@@ -78,12 +81,29 @@ def radius_interval_mm(curvature_per_m: float, sigma_per_m: float) -> tuple[floa
 
 
 def find_tightest_bend(results: Results) -> TightestBend | None:
-    """Return the largest of the cycles' maxima as a bend radius with its place, None when no cycle has one."""
+    """Return the largest of the cycles' maxima as a bend radius with its place, None when no cycle has one.
+
+    Only cycles on which the outcome rests (ok, slow) are asked, unless none of them has a curvature.
+    """
+    judged = np.isin(results.cycles.verdict, JUDGED)
+    bend = _tightest_of(results, judged)
+    return _tightest_of(results, ~judged) if bend is None else bend
+
+
+def find_unjudged_bend(results: Results) -> TightestBend | None:
+    """Return the tightest bend of the cycles on which no outcome rests, if it is tighter than all that were judged."""
+    judged = np.isin(results.cycles.verdict, JUDGED)
+    best, other = _tightest_of(results, judged), _tightest_of(results, ~judged)
+    return other if best is not None and other is not None and other.radius_mm < best.radius_mm else None
+
+
+def _tightest_of(results: Results, chosen: npt.NDArray[np.bool_]) -> TightestBend | None:
     cycles = results.cycles
-    if not np.isfinite(cycles.max_curvature_per_m).any():
+    value = np.where(chosen & np.isfinite(cycles.max_curvature_per_m), cycles.max_curvature_per_m, -1.0)
+    if not (value >= 0).any():
         return None
-    row = int(np.nanargmax(np.where(np.isfinite(cycles.max_curvature_per_m), cycles.max_curvature_per_m, np.nan)))
-    curvature = float(cycles.max_curvature_per_m[row])
+    row = int(value.argmax())
+    curvature = float(value[row])
     low, high = radius_interval_mm(curvature, float(cycles.max_curvature_sigma_per_m[row]))
     return TightestBend(
         cycle_index=int(cycles.cycle_index[row]),

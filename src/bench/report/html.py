@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import errno
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bench.errors import RecordingExistsError
+from bench.errors import DiskFullError, RecordingError, RecordingExistsError
 from bench.report.figures import (
     bend_map_figure,
     completeness_figure,
     cycles_figure,
     cycles_per_group,
+    drawable_example,
     example_figure,
     n_points_outside,
 )
-from bench.report.headline import Headline, summarise
+from bench.report.headline import Headline, find_unjudged_bend, summarise
 from bench.report.methods import describe_methods, warn_about_clamps
 from bench.report.results import Results
 from bench.report.wording import (
@@ -43,6 +45,10 @@ __all__ = ["ATTENTION_ROWS", "REPORT_NAME", "render_report", "write_report"]
 REPORT_NAME = "report.html"
 ATTENTION_ROWS = 200
 """Most rows in the table of odd cycles: four printed pages; the rest is in ``cycles.parquet``."""
+
+
+CONTROLS = dict.fromkeys([*range(9), *range(11, 32), 127, *range(0x202A, 0x202F), *range(0x2066, 0x206A)], "\ufffd")
+"""Characters without a shape of their own, but for tab and new line: ASCII controls, and those that turn direction."""
 
 
 @dataclass(frozen=True)
@@ -72,18 +78,33 @@ def write_report(results: Results, folder: Path) -> Path:
     ------
     RecordingExistsError
         The folder already holds a report.
+    RecordingError, DiskFullError
+        The folder cannot be written.
     """
-    page = render_report(results)
-    folder.mkdir(parents=True, exist_ok=True)
+    page = render_report(results).encode("utf-8", errors="backslashreplace")
     path = folder / REPORT_NAME
     try:
-        with path.open("x", encoding="utf-8", errors="backslashreplace") as file:
-            file.write(page)
+        folder.mkdir(parents=True, exist_ok=True)
+        with path.open("xb") as file:
+            _write_or_remove(file, page, path)
     except FileExistsError as error:
         raise RecordingExistsError(
             f"{path} exists already and is not overwritten.", hint="Choose another --output, or move it away."
         ) from error
+    except OSError as error:
+        kind = DiskFullError if error.errno == errno.ENOSPC else RecordingError
+        raise kind(f"The report cannot be written to {path}: {error.strerror or error}.") from error
     return path
+
+
+def _write_or_remove(file: BinaryIO, page: bytes, path: Path) -> None:
+    """Leave no half page behind that a browser would show as a whole one."""
+    try:
+        file.write(page)
+        file.flush()
+    except OSError:
+        path.unlink(missing_ok=True)
+        raise
 
 
 def render_report(results: Results) -> str:
@@ -94,9 +115,15 @@ def render_report(results: Results) -> str:
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
+        finalize=_without_controls,
     )
     environment.filters.update(mm=say_mm, number=say_number, count=say_count, percent=say_percent, utc=say_utc)
     return environment.get_template("report.html.j2").render(_context(results))
+
+
+def _without_controls(value: object) -> object:
+    """Make control characters visible: a name must not turn the direction of the text around it."""
+    return value.translate(CONTROLS) if isinstance(value, str) and not isinstance(value, Markup) else value
 
 
 def _context(results: Results) -> dict[str, Any]:
@@ -138,7 +165,15 @@ def _cautions(results: Results, headline: Headline) -> list[str]:
         if headline.limit_inside_interval
         else ""
     )
-    return [text for text in (undecided, warn_about_clamps(results), *results.warnings) if text]
+    other = find_unjudged_bend(results)
+    unjudged = (
+        f"Cycle {other.cycle_index} shows a tighter bend, {say_mm(other.radius_mm)} mm, but was not recorded whole: "
+        "it counts neither for the outcome nor here."
+        if other
+        else ""
+    )
+    clamps = warn_about_clamps(results) if headline.tightest else ""
+    return [text for text in (undecided, unjudged, clamps, *results.warnings) if text]
 
 
 def _figures(results: Results) -> dict[str, Markup]:
@@ -157,7 +192,7 @@ def _captions(results: Results) -> dict[str, str]:
 
 
 def _example_caption(results: Results) -> str:
-    example = results.example
+    example = drawable_example(results)
     if example is None:
         return ""
     place = "outside any cycle" if example.cycle_index < 0 else f"cycle {example.cycle_index}"

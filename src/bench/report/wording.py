@@ -91,7 +91,7 @@ def describe_ending(results: Results) -> str:
         "success": "The run ended as planned",
         "abort": "The run was aborted",
         "fail": "The run failed",
-        "unfinished": "This recording was never finished; the report covers what reached the disk",
+        "unfinished": "The recording was never finished",
         "import": "Imported take",
     }.get(results.exit_status, f"The run ended with status {results.exit_status}")
     return f"{how}: {results.exit_reason.rstrip('.')}." if results.exit_reason else f"{how}."

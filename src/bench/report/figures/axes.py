@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from bench.report.figures.svg import MUTED, WARNING_INK
+from bench.report.figures.svg import MUTED, WARNING_INK, new_figure
 
 __all__ = ["add_radius_axis", "cell_edges", "draw_limit", "say_nothing_to_show"]
 
@@ -58,7 +59,7 @@ def add_radius_axis(axes: Axes) -> None:
 def _radii_mm(bottom_per_m: float, top_per_m: float) -> Floats:
     """Return candidates for ticks: evenly spaced over a narrow range, round numbers of all sizes over a wide one."""
     if bottom_per_m > top_per_m / 3:
-        return np.asarray(MaxNLocator(6).tick_values(1e3 / top_per_m, 1e3 / bottom_per_m))
+        return np.asarray(MaxNLocator(6, steps=[1, 2, 5, 10]).tick_values(1e3 / top_per_m, 1e3 / bottom_per_m))
     return NICE_RADII_MM
 
 
@@ -81,7 +82,10 @@ def cell_edges(centres: Floats, lowest: float = -np.inf, highest: float = np.inf
     return np.asarray(np.clip(edges, lowest, highest))
 
 
-def say_nothing_to_show(axes: Axes, sentence: str) -> None:
-    """Leave the axes empty but for one sentence that says why."""
+def say_nothing_to_show(sentence: str) -> Figure:
+    """Return a small figure that holds one sentence: why there is nothing to show."""
+    figure = new_figure(0.8)
+    axes = figure.add_subplot()
     axes.set_axis_off()
     axes.text(0.5, 0.5, sentence, transform=axes.transAxes, ha="center", va="center", color=MUTED)
+    return figure

@@ -35,12 +35,11 @@ LIMIT_LINE = "#00c2b2"
 def bend_map_figure(results: Results) -> str:
     """Draw the median bend radius by cycle phase and arc length as SVG; the colours are a picture inside it."""
     with drawing():
-        figure = new_figure(3.7)
-        axes = figure.add_subplot()
         if np.isfinite(results.bend_map_per_m).any():
-            _draw_map(figure, axes, results)
+            figure = new_figure(3.7)
+            _draw_map(figure, figure.add_subplot(), results)
         else:
-            say_nothing_to_show(axes, "No place on the cable was seen in any cycle: there is no map to draw.")
+            figure = say_nothing_to_show("No place on the cable was seen in any cycle: there is no map to draw.")
         about = "Median bend radius over all cycles, as colour, by cycle phase (across) and arc length (up)."
         return to_svg(figure, "bend-map", "Bend-radius map", about)
 
@@ -51,8 +50,10 @@ def _draw_map(figure: Figure, axes: Axes, results: Results) -> None:
     radius_mm = _radius_mm(results.bend_map_per_m)
     axes.grid(visible=False)
     axes.add_patch(Rectangle((0, 0), 1, 1, transform=axes.transAxes, zorder=0, **UNSEEN))
-    norm = _norm(radius_mm, results.config.cable.minimum_bend_radius_mm)
-    picture = axes.pcolormesh(phase, arc_mm, radius_mm.T, cmap=colormaps[COLOURS], norm=norm, rasterized=True)
+    ends_mm = _ends_mm(radius_mm, results.config.cable.minimum_bend_radius_mm)
+    picture = axes.pcolormesh(
+        phase, arc_mm, radius_mm.T, cmap=colormaps[COLOURS], norm=LogNorm(*ends_mm, clip=True), rasterized=True
+    )
     handles = _draw_limit_contour(axes, results)
     if np.isnan(radius_mm).any():
         handles.append(Patch(label="not seen", **UNSEEN))
@@ -62,7 +63,7 @@ def _draw_map(figure: Figure, axes: Axes, results: Results) -> None:
     axes.set_xlabel("cycle phase (0 = start, 1 = end of the path)")
     axes.set_ylabel("arc length from the anchor (mm)")
     _mark_markers(axes, results)
-    _add_scale(figure, axes, picture, results.config.cable.minimum_bend_radius_mm)
+    _add_scale(figure, axes, picture, ends_mm, results.config.cable.minimum_bend_radius_mm)
 
 
 def _radius_mm(curvature_per_m: Floats) -> npt.NDArray[np.float64]:
@@ -70,10 +71,11 @@ def _radius_mm(curvature_per_m: Floats) -> npt.NDArray[np.float64]:
     return np.asarray(1e3 / np.maximum(curvature_per_m, 1e-6))
 
 
-def _norm(radius_mm: Floats, limit_mm: float) -> LogNorm:
+def _ends_mm(radius_mm: Floats, limit_mm: float) -> tuple[float, float]:
+    """Return the radii at the ends of the colour scale; it always holds the limit."""
     low = np.clip(float(np.nanmin(radius_mm)), TIGHTEST_RATIO * limit_mm, 0.8 * limit_mm)
     high = np.clip(float(np.nanpercentile(radius_mm, 95)), 4 * limit_mm, WIDEST_RATIO * limit_mm)
-    return LogNorm(vmin=float(low), vmax=float(high), clip=True)
+    return float(low), float(high)
 
 
 def _draw_limit_contour(axes: Axes, results: Results) -> list[Patch]:
@@ -92,10 +94,10 @@ def _draw_limit_contour(axes: Axes, results: Results) -> list[Patch]:
     return [Patch(facecolor="none", edgecolor=LIMIT_LINE, linewidth=1.5, label=label)]
 
 
-def _scale_ticks_mm(low_mm: float, high_mm: float, limit_mm: float) -> list[float]:
+def _scale_ticks_mm(ends_mm: tuple[float, float], limit_mm: float) -> list[float]:
     """Return round numbers between the ends of the scale that leave room for the limit's own label."""
     candidates = [digit * 10.0**power for power in range(-3, 8) for digit in (1, 2, 5)]
-    return [tick for tick in candidates if low_mm <= tick <= high_mm and abs(np.log(tick / limit_mm)) > 0.2]
+    return [tick for tick in candidates if ends_mm[0] <= tick <= ends_mm[1] and abs(np.log(tick / limit_mm)) > 0.2]
 
 
 def _mark_markers(axes: Axes, results: Results) -> None:
@@ -105,10 +107,10 @@ def _mark_markers(axes: Axes, results: Results) -> None:
     axes.plot(np.full(place.size, 1.008), place, transform=axes.get_yaxis_transform(), **style)
 
 
-def _add_scale(figure: Figure, axes: Axes, picture: QuadMesh, limit_mm: float) -> None:
+def _add_scale(figure: Figure, axes: Axes, picture: QuadMesh, ends_mm: tuple[float, float], limit_mm: float) -> None:
     scale = figure.colorbar(picture, ax=axes, pad=0.02, aspect=26)
     scale.set_label("bend radius (mm)")
-    ticks = _scale_ticks_mm(picture.norm.vmin or limit_mm, picture.norm.vmax or limit_mm, limit_mm)
+    ticks = _scale_ticks_mm(ends_mm, limit_mm)
     scale.set_ticks([*ticks, limit_mm], labels=[*(f"{tick:g}" for tick in ticks), f"{limit_mm:g} limit"])
     scale.minorticks_off()
     scale.ax.axhline(limit_mm, color=LIMIT_LINE, linewidth=2.2)

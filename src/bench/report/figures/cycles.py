@@ -21,9 +21,11 @@ Ints = npt.NDArray[np.int64]
 
 GROUPS_LIMIT = 1000
 """Most places along the cycle axis: about one for each pixel of the page; more cycles are drawn in groups."""
+PLACES_AT_LEAST = 8
+"""Width of the cycle axis when there are hardly any cycles: one cycle is not as wide as the page."""
 FEW = 60
 """Up to this many cycles, each gets a dot."""
-OUTLIER_RATIO = 4.0
+OUTLIER_RATIO = 2.0
 """A value above this many times the limit or the median is drawn at the upper edge: it must not flatten the rest."""
 
 
@@ -51,12 +53,11 @@ def cycles_per_group(n_cycles: int) -> int:
 def cycles_figure(results: Results) -> str:
     """Draw the largest curvature of each cycle with its band, the catalogue limit, and marks on odd cycles as SVG."""
     with drawing():
-        figure = new_figure(3.1)
-        axes = figure.add_subplot()
         if np.isfinite(results.cycles.max_curvature_per_m).any():
-            _draw_cycles(axes, results)
+            figure = new_figure(3.1)
+            _draw_cycles(figure.add_subplot(), results)
         else:
-            say_nothing_to_show(axes, "No cycle has a curvature to show.")
+            figure = say_nothing_to_show("No cycle has a curvature to show.")
         title = "Largest curvature in each cycle"
         about = "Curvature in 1/m by cycle index, with a band of two standard deviations and the catalogue limit."
         return to_svg(figure, "cycles", title, about)
@@ -65,12 +66,11 @@ def cycles_figure(results: Results) -> str:
 def completeness_figure(results: Results) -> str:
     """Draw the share of frames in which every marker was found, for each cycle, as SVG."""
     with drawing():
-        figure = new_figure(1.7)
-        axes = figure.add_subplot()
         if np.isfinite(results.cycles.complete_fraction).any():
-            _draw_completeness(axes, results)
+            figure = new_figure(1.7)
+            _draw_completeness(figure.add_subplot(), results)
         else:
-            say_nothing_to_show(axes, "No cycle has frames to count.")
+            figure = say_nothing_to_show("No cycle has frames to count.")
         title = "Complete frames in each cycle"
         return to_svg(figure, "completeness", title, "Share of frames with every marker found, by cycle index.")
 
@@ -79,7 +79,9 @@ def _draw_cycles(axes: Axes, results: Results) -> None:
     limit_per_m = 1e3 / results.config.cable.minimum_bend_radius_mm
     groups = _grouped(results)
     dot = "o" if groups.cycle.size <= FEW else ""
-    axes.fill_between(groups.cycle, groups.low, groups.high, color=PALE, linewidth=0, label=_band_label(results))
+    known = bool(np.isfinite(results.cycles.max_curvature_sigma_per_m).any())
+    label = _band_label(results) if known else "_"  # matplotlib leaves such a name out of the legend
+    axes.fill_between(groups.cycle, groups.low, groups.high, color=PALE, linewidth=0, label=label)
     axes.plot(
         groups.cycle, groups.middle, color=INK, linewidth=0.9, label=_line_label(results), marker=dot, markersize=3.5
     )
@@ -93,7 +95,7 @@ def _draw_cycles(axes: Axes, results: Results) -> None:
     axes.set_ylabel("largest curvature (1/m)")
     draw_limit(axes, limit_per_m)
     add_radius_axis(axes)
-    axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, borderaxespad=0.2, handlelength=1.4)
+    axes.legend(loc="lower left", bbox_to_anchor=(0, 1.0), ncols=4, handlelength=1.4, columnspacing=1.4)
 
 
 def _draw_lone_band(axes: Axes, groups: _Groups) -> None:
@@ -146,11 +148,12 @@ def _curvature_range(groups: _Groups, limit_per_m: float) -> tuple[float, float]
 def _mark_crossings(axes: Axes, groups: _Groups, limit_per_m: float, top: float) -> None:
     """Mark what is beyond the limit in the warning colour, at the upper edge what is beyond the axis."""
     over = (groups.largest > limit_per_m) & (groups.largest <= top)
-    axes.plot(groups.cycle[over], groups.largest[over], "o", color=WARNING_INK, markersize=3.5, label="_", zorder=3)
+    size = 3.5 if groups.cycle.size <= FEW else 2.0
+    axes.plot(groups.cycle[over], groups.largest[over], "o", color=WARNING_INK, markersize=size, label="_", zorder=3)
     above = groups.largest > top
     if above.any():
         edge = np.full(int(above.sum()), top)
-        label = f"off the scale, up to {float(np.nanmax(groups.largest)):.3g} 1/m"
+        label = f"off the scale, to {float(np.nanmax(groups.largest)):.3g} 1/m"
         style: dict[str, Any] = {
             "marker": "^",
             "color": WARNING_INK,
@@ -198,10 +201,11 @@ def _draw_completeness(axes: Axes, results: Results) -> None:
 
 
 def _label_cycle_axis(axes: Axes, results: Results) -> None:
-    index = results.cycles.cycle_index
-    margin = max(0.5, 0.01 * index.size)
-    axes.set_xlim(float(index.min()) - margin, float(index.max()) + margin)
-    axes.xaxis.set_major_locator(MaxNLocator(nbins=12, integer=True))
+    first, last = float(results.cycles.cycle_index.min()), float(results.cycles.cycle_index.max())
+    margin = max(0.01 * (last - first), 0.6, (PLACES_AT_LEAST - (last - first)) / 2)
+    axes.set_xlim(first - margin, last + margin)
+    ticks = MaxNLocator(nbins=12, integer=True).tick_values(first, max(last, first + 1))
+    axes.set_xticks([tick for tick in ticks if first <= tick <= last])
     axes.set_xlabel("cycle index")
     axes.tick_params(axis="x", colors=MUTED, labelcolor="#333333")
 
@@ -213,4 +217,4 @@ def _line_label(results: Results) -> str:
 
 def _band_label(results: Results) -> str:
     size = cycles_per_group(results.cycles.cycle_index.size)
-    return "± 2 standard deviations" if size == 1 else f"smallest to largest of {size} cycles, ± 2 standard deviations"
+    return "± 2 standard deviations" if size == 1 else f"all {size}, ± 2 standard deviations"

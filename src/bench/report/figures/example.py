@@ -13,7 +13,7 @@ from bench.report.figures.axes import add_radius_axis, draw_limit, say_nothing_t
 from bench.report.figures.svg import INK, MUTED, PALE, drawing, new_figure, to_svg
 from bench.report.results import ExampleFrame, Results
 
-__all__ = ["example_figure", "n_points_outside"]
+__all__ = ["drawable_example", "example_figure", "n_points_outside"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -22,6 +22,7 @@ LABELS_LIMIT = 16
 """Most numbers written beside points; with more markers every second, third … is numbered."""
 PANEL_WIDTH_IN = 3.6
 """Width of one of the two columns of projections."""
+NO_FRAME = "No frame was complete enough to draw a curve through it."
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +49,15 @@ def example_figure(results: Results) -> str:
         "Below: curvature by arc length with a band of two standard deviations and the catalogue limit."
     )
     with drawing():
-        figure = _drawn(results, results.example) if results.example is not None else _empty()
+        example = drawable_example(results)
+        figure = say_nothing_to_show(NO_FRAME) if example is None else _drawn(results, example)
         return to_svg(figure, "example", title, about)
+
+
+def drawable_example(results: Results) -> ExampleFrame | None:
+    """Return the example frame if there is one with at least one marker to draw."""
+    example = results.example
+    return example if example is not None and np.isfinite(example.position_m).all(axis=1).any() else None
 
 
 def n_points_outside(example: ExampleFrame) -> int:
@@ -58,12 +66,6 @@ def n_points_outside(example: ExampleFrame) -> int:
     points_mm = 1e3 * example.points_m.astype(float)
     inside = np.all((points_mm >= view.low_mm) & (points_mm <= view.high_mm), axis=1)
     return int(np.count_nonzero(~inside & np.isfinite(points_mm).all(axis=1)))
-
-
-def _empty() -> Figure:
-    figure = new_figure(1.2)
-    say_nothing_to_show(figure.add_subplot(), "No frame was complete enough to draw a curve through it.")
-    return figure
 
 
 def _drawn(results: Results, example: ExampleFrame) -> Figure:
@@ -82,8 +84,8 @@ def _drawn(results: Results, example: ExampleFrame) -> Figure:
         after.set_ylabel("")
         if row == 0:
             _drop_across_labels(before, after)
-            before.set_title("(a)  Before sorting: joined in the tracker's order")
-            after.set_title("(b)  After sorting: markers along the cable")
+            before.set_title("(a)  Before sorting: joined in the tracker's order", pad=10)
+            after.set_title("(b)  After sorting: markers along the cable", pad=10)
     _draw_curvature(figure.add_subplot(rows[2, :]), results, example)
     return figure
 
@@ -99,8 +101,6 @@ def _view(example: ExampleFrame) -> _View:
     """Choose the neighbourhood of the cable, and the two axis planes that show most of it."""
     cable_mm = 1e3 * np.concatenate([example.position_m.astype(float), example.curve_m])
     cable_mm = cable_mm[np.isfinite(cable_mm).all(axis=1)]
-    if not cable_mm.size:
-        cable_mm = np.zeros((1, 3))
     low, high = cable_mm.min(axis=0), cable_mm.max(axis=0)
     largest = max(float((high - low).max()), 1.0)
     margin = np.maximum(0.10 * largest, (0.30 * largest - (high - low)) / 2)

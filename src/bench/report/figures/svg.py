@@ -28,6 +28,9 @@ WIDTH_IN = 8.6
 RASTER_DPI = 180
 """Resolution of coloured areas inside an SVG: sharp in print, and a whole map stays below 200 kB."""
 
+LINES = "stroke-linejoin: round; stroke-linecap: butt"
+"""Takes the place of matplotlib's style element, which inside a page would be the style of the whole page."""
+
 STYLE: dict[str, Any] = {
     "axes.axisbelow": True,
     "axes.edgecolor": MUTED,
@@ -93,7 +96,8 @@ def to_svg(figure: Figure, name: str, title: str, description: str) -> str:
     figure.savefig(buffer, format="svg", dpi=RASTER_DPI, metadata=unsaid)
     body = buffer.getvalue().split("<svg", 1)[1]
     attributes, content = body.split(">", 1)
-    head = f'<svg role="img" aria-labelledby="{name}-title {name}-description"{_scalable(attributes)}>'
+    described = f'role="img" aria-labelledby="{name}-title {name}-description" style="{LINES}"'
+    head = f"<svg {described}{_scalable(attributes)}>"
     words = (
         f'<title id="{name}-title">{escape(title)}</title><desc id="{name}-description">{escape(description)}</desc>'
     )
@@ -106,6 +110,6 @@ def _scalable(attributes: str) -> str:
 
 
 def _with_own_ids(content: str, name: str) -> str:
-    content = re.sub(r"<metadata>.*?</metadata>\s*", "", content, flags=re.DOTALL)
+    content = re.sub(r"<(metadata|style)\b.*?</\1>\s*", "", content, flags=re.DOTALL)
     content = re.sub(r'(\sid=")', rf"\g<1>{name}-", content)
     return re.sub(r'(url\(#|href="#)', rf"\g<1>{name}-", content)
