@@ -1,18 +1,22 @@
 """C3D files, read with ezc3d: named points, their unit and rate, and which of them were seen in each frame.
 
-ezc3d believes what the file says of its own size, so the sizes are checked against the file before it is called.
+ezc3d believes what the file says of its own size, so the sizes are checked against the file before it is called, and
+it is called in a process of its own (`bench.drivers.takes.c3d_worker`).
 """
 
 from __future__ import annotations
 
+import json
 import struct
-from collections.abc import Iterator, Mapping
+import subprocess
+import sys
+from collections.abc import Iterator
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-import ezc3d
 import numpy as np
 import numpy.typing as npt
 
@@ -23,11 +27,17 @@ from bench.model import UNLABELED, StampKind
 
 __all__ = ["is_c3d", "read_c3d"]
 
+WORKER = "bench.drivers.takes.c3d_worker"
 BLOCK_BYTES = 512
 KEY = 0x50
 """Second byte of every C3D file."""
 INTEL, DEC, MIPS = 84, 85, 86
 """Processor types: little endian, VAX floats, big endian."""
+SLOWEST_BYTES_PER_S = 1e6
+"""ezc3d reads about 15 MB/s (2026-11, 29 MB); a slow machine is not to be taken for a damaged file."""
+LEAST_MEMORY_BYTES = 2 << 30
+MEMORY_PER_BYTE = 40
+"""ezc3d and its arrays take 16 times the file (2026-11, 29 MB); room for fewer points a frame."""
 DAMAGED = "The file may be cut off or damaged: export it again."
 
 Floats = npt.NDArray[np.float64]
@@ -55,31 +65,17 @@ def read_c3d(path: Path) -> Take:
     cable's own markers that are named; a point's id is its place in the file's list of names.
     """
     header = _verify_sizes(path)
-    try:
-        content: Any = ezc3d.c3d(str(path))
-    except Exception as error:  # ezc3d raises bare RuntimeError, ValueError, IndexError, … from C++
-        raise unreadable(path.name, f"ezc3d says {str(error).strip() or type(error).__name__}", DAMAGED) from error
-    return _take_of(path.name, header, content)
-
-
-def _take_of(name: str, header: C3dHeader, content: Any) -> Take:
-    parameters: Mapping[str, Any] = content["parameters"].get("POINT", {})
-    points = np.asarray(content["data"]["points"], np.float64)[:3]
-    residuals = np.asarray(content["data"]["meta_points"]["residuals"], np.float64)[0]
+    content = _load(path)
     warnings: list[str] = []
-    rate = _rate(name, parameters, content)
-    units, metres_per_unit = _units(name, parameters, warnings)
-    seen = np.isfinite(points).all(axis=0) & (residuals >= 0)
-    points *= metres_per_unit
-    if not (np.abs(points[:, seen]) < MAX_POSITION_M).all():
-        raise unreadable(name, f"it has points more than {MAX_POSITION_M:g} m away", DAMAGED)
-    frames = _Frames(points, seen, np.where(residuals > 0, residuals * metres_per_unit, np.nan))
+    rate = _rate(path.name, content)
+    units, metres_per_unit = _units(path.name, content, warnings)
+    frames = _frames(path.name, content, metres_per_unit)
     survey = Survey()
     for row in frames.rows():
         survey.add(row)
     if survey.n_points == 0:
-        raise unreadable(name, f"no point is seen in any of its {survey.n_frames} frames")
-    promised = _promised(header, content)
+        raise unreadable(path.name, f"no point is seen in any of its {survey.n_frames} frames")
+    promised = _promised(header, content, survey.n_frames)
     info = TakeInfo(
         format="C3D",
         version="",
@@ -90,11 +86,62 @@ def _take_of(name: str, header: C3dHeader, content: Any) -> Take:
         frames_found=survey.n_frames,
         points_min=survey.points_min,
         points_max=survey.points_max,
-        marker_names=_names(parameters, len(seen)),
+        marker_names=_names(content),
         warnings=(*warnings, *survey.warnings(promised)),
     )
     ticks = grid_ticks(rate)
     return Take(info, (make_frame(row, ticks(row), info) for row in frames.rows()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class C3dContent:
+    """What ezc3d found."""
+
+    points: Floats
+    """(3, n, F), in the file's unit."""
+    residuals: Floats
+    """(n, F): -1 where the point is missing."""
+    parameters: dict[str, list[Any]]
+    """The group POINT."""
+    has_trial: bool
+    frame_rate_hz: float
+
+
+def _load(path: Path) -> C3dContent:
+    """Let ezc3d read the file, in a child process that has neither all the time nor all the memory."""
+    size = path.stat().st_size
+    with TemporaryDirectory(prefix="bench-c3d-") as folder:
+        target = Path(folder) / "content.npz"
+        memory_bytes = max(LEAST_MEMORY_BYTES, MEMORY_PER_BYTE * size)
+        command = [sys.executable, "-P", "-m", WORKER, str(path), str(target), str(memory_bytes)]
+        try:
+            done = subprocess.run(
+                command,
+                check=False,
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=60 + size / SLOWEST_BYTES_PER_S,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise unreadable(path.name, f"ezc3d did not end within {error.timeout:.0f} s", DAMAGED) from error
+        if done.returncode != 0:
+            said = done.stderr.strip().splitlines()
+            why = f"ezc3d says '{said[-1]}'" if said else f"ezc3d ended with code {done.returncode}"
+            raise unreadable(path.name, why, DAMAGED)
+        with np.load(target) as content:
+            about = json.loads(str(content["about"]))
+            points, residuals = content["points"], content["residuals"]
+    return C3dContent(points, residuals, about["point"], about["has_trial"], about["frame_rate"])
+
+
+def _frames(name: str, content: C3dContent, metres_per_unit: float) -> _Frames:
+    points, residuals = content.points * metres_per_unit, content.residuals * metres_per_unit
+    seen = np.isfinite(points).all(axis=0) & (residuals >= 0)
+    if not (np.abs(points[:, seen]) < MAX_POSITION_M).all():
+        raise unreadable(name, f"it has points more than {MAX_POSITION_M:g} m away", DAMAGED)
+    measured = (residuals > 0) & (residuals < MAX_POSITION_M)  # 0 is a point that was filled in, not a perfect one
+    return _Frames(points, seen, np.where(measured, residuals, np.nan))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,17 +169,17 @@ class _Frames:
             )
 
 
-def _rate(name: str, parameters: Mapping[str, Any], content: Any) -> Fraction:
-    said = _value(parameters, "RATE") or content["header"]["points"]["frame_rate"]
+def _rate(name: str, content: C3dContent) -> Fraction:
+    said = next(iter(content.parameters.get("RATE", [])), 0.0) or content.frame_rate_hz
     # the file holds a float32: its shortest decimal form is the rate that was meant
-    rate = parse_rate(str(np.float32(said)))
+    rate = parse_rate(str(np.float32(said))) if isinstance(said, int | float) else None
     if rate is None:
         raise unreadable(name, f"its frame rate {said} is no rate", DAMAGED)
     return rate
 
 
-def _units(name: str, parameters: Mapping[str, Any], warnings: list[str]) -> tuple[str, float]:
-    units = str(_value(parameters, "UNITS") or "").strip()
+def _units(name: str, content: C3dContent, warnings: list[str]) -> tuple[str, float]:
+    units = str(next(iter(content.parameters.get("UNITS", [])), "")).strip()
     if not units:
         warnings.append("The file names no length unit: millimetres are assumed, as is usual in C3D files.")
         return "mm", METRES_PER_UNIT["mm"]
@@ -141,26 +188,18 @@ def _units(name: str, parameters: Mapping[str, Any], warnings: list[str]) -> tup
     return units, METRES_PER_UNIT[units.lower()]
 
 
-def _names(parameters: Mapping[str, Any], n: int) -> dict[int, str]:
+def _names(content: C3dContent) -> dict[int, str]:
     """Return the names by place; more than 255 of them continue in LABELS2, LABELS3 and so on."""
-    labels: list[str] = []
-    for key in ("LABELS", *(f"LABELS{i}" for i in range(2, 256))):
-        if key not in parameters:
-            break
-        labels += [str(label).strip() for label in parameters[key]["value"]]
-    return {i: label for i, label in enumerate(labels[:n]) if label}
+    keys = ("LABELS", *(f"LABELS{i}" for i in range(2, 256)))
+    labels = [str(label).strip() for key in keys for label in content.parameters.get(key, [])]
+    return {i: label for i, label in enumerate(labels[: content.points.shape[1]]) if label}
 
 
-def _promised(header: C3dHeader, content: Any) -> int | None:
-    """Return the header's number of frames; its 16 bits cannot say more than 65 535, and then it is not asked."""
+def _promised(header: C3dHeader, content: C3dContent, found: int) -> int | None:
+    """Return the header's number of frames; its 16 bits cannot count beyond 65 535, and then it is not asked."""
     promised = header.last_frame - header.first_frame + 1
-    longer = header.last_frame >= 0xFFFF or "TRIAL" in content["parameters"]
-    return None if longer or promised <= 0 else promised
-
-
-def _value(parameters: Mapping[str, Any], key: str) -> Any:
-    values: Any = parameters[key]["value"] if key in parameters else ()
-    return values[0] if len(values) else None
+    longer = header.last_frame >= 0xFFFF or content.has_trial or found > promised
+    return None if longer else promised
 
 
 def _verify_sizes(path: Path) -> C3dHeader:
