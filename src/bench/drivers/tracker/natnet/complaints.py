@@ -34,8 +34,10 @@ class Complaint:
 
     def tell(self, *, at_once: bool = False) -> None:
         """Write what was not told yet, unless the last entry is too recent."""
+        if self._untold == 0:
+            return
         now_ns = self._clock.now_ns()
-        if self._untold == 0 or (now_ns < self._next_ns and not at_once):
+        if now_ns < self._next_ns and not at_once:
             return
         text = f"{self._what}: {self._untold}, {self.total} since the start. {self._detail}"
         self._untold = 0

@@ -74,8 +74,9 @@ class FrameStream:
         """Whether the tracker took its leave."""
 
     def start(self) -> None:
-        """Begin to wait for the first frame."""
+        """Begin to wait for the first frame, and ask the clock at once, so that all but the first can be mapped."""
         self.newest_frame_ns = self._clock.now_ns()
+        self._ask_clock()
 
     def take(self, packet: bytes, arrival_ns: int) -> None:
         """Deal with one packet. A broken one is counted and told, never an error."""
