@@ -77,7 +77,7 @@ class UrDashboardProgram:
         with self._lock:
             self._connect()
             try:
-                text = self._call("PolyscopeVersion", self._client.polyscopeVersion)
+                text = self._call("PolyscopeVersion", "polyscopeVersion")
             except DeviceError as error:
                 self.close()
                 raise ConnectError(
@@ -118,18 +118,17 @@ class UrDashboardProgram:
         return [sentence for sentence in found if sentence]
 
     def _check_remote(self) -> str:
-        if self.version < REMOTE_CONTROL_SINCE or self._call("is in remote control", self._client.isInRemoteControl):
+        if self.version < REMOTE_CONTROL_SINCE or self._call("is in remote control", "isInRemoteControl"):
             return ""
         return f"The {self._peer} is not in remote control. {REMOTE_HINT}"
 
     def _check_safety(self) -> str:
-        is_new = self.version >= SAFETY_STATUS_SINCE
-        ask = self._client.safetystatus if is_new else self._client.safetymode
-        status = _after_colon(self._call("safety status", ask))
+        question = "safetystatus" if self.version >= SAFETY_STATUS_SINCE else "safetymode"
+        status = _after_colon(self._call(question, question))
         return "" if status == "NORMAL" else f"The safety status of {self._peer} is {status}, not NORMAL. {SAFETY_HINT}"
 
     def _check_mode(self) -> str:
-        mode = _after_colon(self._call("robotmode", self._client.robotmode))
+        mode = _after_colon(self._call("robotmode", "robotmode"))
         if mode == "RUNNING":
             return ""
         return (
@@ -156,7 +155,7 @@ class UrDashboardProgram:
         """
         with self._lock:
             try:
-                self._call(f"load {program}", lambda: self._client.loadURP(program))
+                self._call(f"load {program}", "loadURP", program)
             except DeviceTimeoutError:
                 # The reply may come when everything is loaded, which can outlast ur_rtde's limit on an answer.
                 self._connect()
@@ -165,7 +164,7 @@ class UrDashboardProgram:
     def play(self) -> None:
         """Start the loaded program, or resume it after a pause, and wait until it plays."""
         with self._lock:
-            self._call("play", self._client.play)
+            self._call("play", "play")
             self._wait_for("PLAYING", "play")
 
     def stop(self) -> None:
@@ -173,7 +172,7 @@ class UrDashboardProgram:
         with self._lock:
             if self._program_state()[0] == "STOPPED":
                 return
-            self._call("stop", self._client.stop)
+            self._call("stop", "stop")
             self._wait_for("STOPPED", "stop")
 
     def close(self) -> None:
@@ -185,11 +184,11 @@ class UrDashboardProgram:
                     client.disconnect()
 
     def _program_state(self) -> tuple[str, str]:
-        state, _, name = str(self._call("programState", self._client.programState)).partition(" ")
+        state, _, name = str(self._call("programState", "programState")).partition(" ")
         return state, name.strip()
 
     def _has_loaded(self, program: str) -> bool:
-        return _is_same(_after_colon(self._call("get loaded program", self._client.getLoadedProgram)), program)
+        return _is_same(_after_colon(self._call("get loaded program", "getLoadedProgram")), program)
 
     def _wait_for(self, state: str, command: str) -> None:
         self._wait(lambda: self._program_state()[0] == state, command, self._effect_limit_s)
@@ -205,10 +204,12 @@ class UrDashboardProgram:
                 )
             self._clock.sleep_until_ns(self._clock.now_ns() + patience_ns(self._clock, POLL_S))
 
-    def _call(self, command: str, method: Callable[[], Any]) -> Any:
+    def _call(self, command: str, method: str, *arguments: str) -> Any:
         """Call ur_rtde and turn whatever it raises into one of our errors."""
+        if self._client is None:
+            raise LinkLostError(f"The dashboard server of {self._peer} is not connected, so '{command}' is not sent.")
         try:
-            return method()
+            return getattr(self._client, method)(*arguments)
         except Exception as error:
             raise self._translate(command, str(error)) from error
 
@@ -228,6 +229,10 @@ class UrDashboardProgram:
             return DeviceStateError(
                 f"The {self._peer} refuses '{command}'.",
                 hint="Look at the teach pendant: the robot must be on, its brakes released, no stop active.",
+            )
+        if "could not understand" in text:
+            return DeviceStateError(
+                f"The {self._peer} does not know the command '{command}'.", hint="Update the controller's software."
             )
         if TIMED_OUT in text:
             return DeviceTimeoutError(f"The dashboard server of {self._peer} did not answer '{command}' in 2.5 s.")

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+from bench.drivers.robot import make_program_control
+from bench.drivers.robot.ur.program import UrDashboardProgram
+from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
+
+pytest.importorskip("dashboard_client")
+
+HOST = "127.0.31.4"
+SCRIPTED = "127.0.31.5"
+PROGRAM = "bend_test.urp"
+
+
+@pytest.fixture
+def open_program(clock, make_config):
+    """Open program controls that are closed at the end whatever happens."""
+    controls = []
+
+    def start(host=HOST, **keys):
+        control = UrDashboardProgram(make_config(host), clock, **keys)
+        controls.append(control)
+        control.open()
+        return control
+
+    yield start
+    for control in controls:
+        control.close()
+
+
+class Dashboard:
+    """A dashboard that answers as a table says; a reply of None is never sent."""
+
+    def __init__(self, replies):
+        self.replies = {"polyscopeversion": "URSoftware 5.15.0.126652 (Aug 30 2023)"} | replies
+        self.asked = []
+
+    def __call__(self, link):
+        link.sendall(b"Connected: Universal Robots Dashboard Server\n")
+        for line in link.makefile("r"):
+            self.asked.append(line.strip())
+            reply = self.replies.get(line.strip().lower(), f"could not understand: '{line.strip()}'")
+            if reply is not None:
+                link.sendall(f"{reply}\n".encode())
+
+
+READY = {
+    "is in remote control": "true",
+    "safetystatus": "Safetystatus: NORMAL",
+    "robotmode": "Robotmode: RUNNING",
+    "programstate": "STOPPED bend_test.urp",
+}
+
+
+def test_a_program_is_loaded_played_and_stopped_and_each_effect_is_seen(start_controller, open_program):
+    controller = start_controller(HOST)
+    program = open_program()
+    assert program.version == (5, 15, 0, 126652)
+    assert program.check(PROGRAM) == []
+    program.load(PROGRAM)
+    assert controller.machine.loaded
+    program.play()
+    assert controller.machine.program.state == "PLAYING"
+    program.stop()
+    assert controller.machine.program.state == "STOPPED"
+    program.stop()
+    program.play()
+    assert controller.machine.program.state == "PLAYING"
+
+
+def test_a_program_the_controller_does_not_have_is_named(start_controller, open_program):
+    start_controller(HOST)
+    with pytest.raises(DeviceStateError, match=r"controller 127\.0\.31\.4 has no program 'x\.urp'") as caught:
+        open_program().load("x.urp")
+    assert "/programs" in caught.value.hint
+
+
+def test_a_play_without_a_program_is_refused(start_controller, open_program):
+    start_controller(HOST)
+    with pytest.raises(DeviceStateError, match="refuses 'play'"):
+        open_program().play()
+
+
+def test_local_control_is_found_by_the_check_and_by_each_command(start_controller, open_program):
+    start_controller(HOST, remote_control=False)
+    program = open_program()
+    (sentence,) = program.check(PROGRAM)
+    assert "not in remote control" in sentence
+    with pytest.raises(DeviceStateError, match=r"not in remote control and does not allow 'load bend_test\.urp'"):
+        program.load(PROGRAM)
+
+
+def test_every_reason_against_a_program_is_told_at_once(start_controller, open_program):
+    controller = start_controller(HOST, remote_control=False)
+    controller.machine.load(0)
+    controller.machine.emergency_stop(0)
+    sentences = open_program().check(PROGRAM)
+    assert len(sentences) == 3
+    assert "ROBOT_EMERGENCY_STOP" in sentences[1]
+    assert "POWER_OFF" in sentences[2]
+
+
+def test_a_protective_stop_is_found_by_the_check_with_the_paused_program(start_controller, open_program):
+    controller = start_controller(HOST)
+    program = open_program()
+    program.load(PROGRAM)
+    program.play()
+    controller.machine.protective_stop(0)
+    stop, paused = program.check(PROGRAM)
+    assert "PROTECTIVE_STOP" in stop
+    assert f"'{PROGRAM}' is paused already" in paused
+
+
+def test_another_program_that_runs_is_named(scripted, open_program):
+    scripted(SCRIPTED, Dashboard(READY | {"programstate": "PLAYING weld.urp"}), port=29999)
+    (sentence,) = open_program(SCRIPTED).check(PROGRAM)
+    assert "'weld.urp', another program, is playing already" in sentence
+
+
+def test_a_cb3_controller_is_asked_only_what_it_knows(scripted, open_program):
+    cb3 = Dashboard(
+        {
+            "polyscopeversion": "URSoftware 3.5.1.10661 (Mar 20 2018)",
+            "safetymode": "Safetymode: NORMAL",
+            "robotmode": "Robotmode: RUNNING",
+            "programstate": "STOPPED bend_test.urp",
+        }
+    )
+    scripted(SCRIPTED, cb3, port=29999)
+    assert open_program(SCRIPTED).check(PROGRAM) == []
+    assert "is in remote control" not in [line.lower() for line in cb3.asked]
+
+
+def test_an_effect_that_never_comes_is_a_timeout(scripted, open_program):
+    scripted(SCRIPTED, Dashboard(READY | {"play": "Starting program"}), port=29999)
+    program = open_program(SCRIPTED, effect_limit_s=0.1)
+    with pytest.raises(DeviceTimeoutError, match=r"accepted to play but has not done so after 0\.1 s"):
+        program.play()
+
+
+def test_a_load_that_outlasts_the_limit_of_one_answer_is_waited_for(scripted, open_program):
+    slow = Dashboard({f"load {PROGRAM}": None})
+    done = Dashboard({"get loaded program": f"Loaded program: /programs/{PROGRAM}"})
+    scripted(SCRIPTED, slow, done, port=29999)
+    open_program(SCRIPTED).load(PROGRAM)
+    assert done.asked == ["get loaded program"]
+
+
+def test_a_controller_that_cannot_load_its_program_is_told(scripted, open_program):
+    scripted(SCRIPTED, Dashboard({f"load {PROGRAM}": f"Error while loading program: {PROGRAM}"}), port=29999)
+    with pytest.raises(DeviceStateError, match="cannot load program"):
+        open_program(SCRIPTED).load(PROGRAM)
+
+
+def test_a_lost_dashboard_is_a_lost_link_for_every_call(start_controller, open_program):
+    controller = start_controller(HOST)
+    program = open_program()
+    controller.close()
+    for call in (program.play, program.stop, lambda: program.check(PROGRAM), lambda: program.load(PROGRAM)):
+        with pytest.raises(LinkLostError, match="did not take"):
+            call()
+    program.close()
+    program.close()
+
+
+def test_a_controller_without_a_dashboard_cannot_be_connected(open_program):
+    with pytest.raises(ConnectError, match=r"controller 127\.0\.31\.4 \(port 29999\) does not answer"):
+        open_program()
+
+
+def test_a_port_that_is_no_dashboard_cannot_be_connected(scripted, open_program):
+    scripted(SCRIPTED, lambda link: link.close(), port=29999)
+    with pytest.raises(ConnectError):
+        open_program(SCRIPTED)
+
+
+def test_calls_before_opening_are_errors_of_ours(make_config, clock):
+    program = make_program_control(make_config(HOST), clock)
+    with pytest.raises(DeviceError):
+        program.play()
+    program.close()
+
+
+def test_without_ur_rtde_everything_but_control_can_be_imported():
+    code = """
+        import sys
+        sys.modules["dashboard_client"] = None
+        from bench.config import RobotConfig
+        from bench.drivers.robot import make_program_control
+        from bench.errors import DeviceError
+        from bench.timing import RunClock
+        try:
+            make_program_control(RobotConfig(host="127.0.31.4", program="x.urp"), RunClock.start()).open()
+        except DeviceError as error:
+            sys.exit("ur-rtde" not in str(error))
+        sys.exit(2)
+    """
+    assert subprocess.run([sys.executable, "-c", textwrap.dedent(code)], check=False).returncode == 0
