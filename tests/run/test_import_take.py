@@ -119,10 +119,10 @@ def test_an_anchor_that_the_take_does_not_have_is_said(tmp_path: Path) -> None:
 
 
 def test_more_frames_than_the_queue_holds_are_all_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.run.import_take.MAX_WAITING", 10)
+    monkeypatch.setattr("bench.run.import_take.MAX_WAITING", 100)
     _, run = run_import(MARKERS, tmp_path)
     assert run.totals["/tracker/points"].written == 1353
-    assert int(run.metadata["bench.end"]["queue_high_water"]) <= 12
+    assert int(run.metadata["bench.end"]["queue_high_water"]) <= 102
 
 
 def test_an_existing_output_is_refused_and_not_touched(tmp_path: Path) -> None:

@@ -13,8 +13,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from bench.config import Config
-from bench.drivers.takes import Take, TakeInfo, read_take
-from bench.drivers.takes.take import TICKS_PER_S
+from bench.drivers.takes import TICKS_PER_S, Take, TakeInfo, read_take
 from bench.errors import BenchError
 from bench.model import DeviceInfo, LogEntry, Severity
 from bench.recording import POINTS, RunWriter

@@ -78,10 +78,22 @@ def test_a_senseless_rate_is_refused(tmp_path: Path) -> None:
         read_take(write(tmp_path, damaged, "a.c3d"))
 
 
-def test_a_file_that_ends_ezc3d_itself_is_one_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(c3d, "LEAST_MEMORY_BYTES", 1 << 20)
-    monkeypatch.setattr(c3d, "MEMORY_PER_BYTE", 0)
-    with pytest.raises(RecordingError, match=r"beam_gravity_V2_a\.c3d cannot be read: ezc3d"):
+@pytest.mark.parametrize(
+    ("fault", "said"),
+    [
+        ("import os; os.abort()", "ezc3d ended with code -6"),
+        ("import signal; signal.pause()", "ezc3d did not end within"),
+        ("import sys; sys.exit('bad block')", "ezc3d says 'bad block'"),
+    ],
+)
+def test_whatever_a_file_does_to_ezc3d_is_one_sentence(
+    fault: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "faulty_worker.py").write_text(fault)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(c3d, "WORKER", "faulty_worker")
+    monkeypatch.setattr(c3d, "LEAST_TIME_S", 0.2 if "pause" in fault else 60.0)
+    with pytest.raises(RecordingError, match=f"beam_gravity_V2_a.c3d cannot be read: {said}"):
         read_take(BEAM)
 
 

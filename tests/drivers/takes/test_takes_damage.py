@@ -25,24 +25,23 @@ MOTIVE = MotiveTake(
 TRACKING_TOOLS = TrackingToolsTake([[(0.1, 0.2, 0.3)], [(1.0, 2.0, 3.0)] * 2], version="1.1").text()
 
 
-def read_or_refuse(data: bytes) -> int:
+def read_or_refuse(data: bytes, folder: Path) -> int:
     """Return the number of frames, or -1 when the take is refused as it should be."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = write(Path(folder), data)
-        try:
-            take = read_take(path)
-        except RecordingError as error:
-            assert path.name in str(error)
-            return -1
-        n_frames = sum(1 for _ in take.frames)
-        assert n_frames == take.info.frames_found
-        return n_frames
+    path = write(folder, data)
+    try:
+        take = read_take(path)
+    except RecordingError as error:
+        assert path.name in str(error)
+        return -1
+    n_frames = sum(1 for _ in take.frames)
+    assert n_frames == take.info.frames_found
+    return n_frames
 
 
 @pytest.mark.parametrize("text", [MOTIVE, TRACKING_TOOLS])
-def test_a_take_cut_at_any_byte_is_read_as_far_as_it_is_whole_or_refused(text: str) -> None:
+def test_a_take_cut_at_any_byte_is_read_as_far_as_it_is_whole_or_refused(text: str, tmp_path: Path) -> None:
     data = text.encode()
-    found = [read_or_refuse(data[:size]) for size in range(len(data) + 1)]
+    found = [read_or_refuse(data[:size], tmp_path) for size in range(len(data) + 1)]
     assert found == sorted(found)
     assert found[-1] == 2
     assert found[-2] == 1
@@ -55,7 +54,8 @@ def test_any_damaged_bytes_are_read_or_refused(text: str, data: st.DataObject) -
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(damaged) - 1))
         damaged[at : at + data.draw(st.integers(0, 3))] = data.draw(st.binary(max_size=3))
-    read_or_refuse(bytes(damaged))
+    with tempfile.TemporaryDirectory() as folder:
+        read_or_refuse(bytes(damaged), Path(folder))
 
 
 @settings(max_examples=100, deadline=None)
@@ -73,7 +73,8 @@ def test_any_damaged_bytes_are_read_or_refused(text: str, data: st.DataObject) -
 @example(b"frame,\n")
 @example(b'frame,"')
 def test_files_that_are_no_takes_are_refused(data: bytes) -> None:
-    assert read_or_refuse(data) == -1
+    with tempfile.TemporaryDirectory() as folder:
+        assert read_or_refuse(data, Path(folder)) == -1
 
 
 def test_a_missing_file_and_a_folder_are_refused(tmp_path: Path) -> None:

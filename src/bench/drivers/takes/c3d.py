@@ -33,6 +33,8 @@ KEY = 0x50
 """Second byte of every C3D file."""
 INTEL, DEC, MIPS = 84, 85, 86
 """Processor types: little endian, VAX floats, big endian."""
+LEAST_TIME_S = 60.0
+"""To start a Python process on a machine that is busy with other things."""
 SLOWEST_BYTES_PER_S = 1e6
 """ezc3d reads about 15 MB/s (2026-11, 29 MB); a slow machine is not to be taken for a damaged file."""
 LEAST_MEMORY_BYTES = 2 << 30
@@ -121,7 +123,7 @@ def _load(path: Path) -> C3dContent:
                 capture_output=True,
                 text=True,
                 errors="replace",
-                timeout=60 + size / SLOWEST_BYTES_PER_S,
+                timeout=LEAST_TIME_S + size / SLOWEST_BYTES_PER_S,
             )
         except subprocess.TimeoutExpired as error:
             raise unreadable(path.name, f"ezc3d did not end within {error.timeout:.0f} s", DAMAGED) from error
