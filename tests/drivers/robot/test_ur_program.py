@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import socket
 import subprocess
 import sys
 import textwrap
@@ -33,6 +34,9 @@ def open_program(clock, make_config):
         control.close()
 
 
+HANG_UP = object()
+
+
 class Dashboard:
     """A dashboard that answers as a table says; a reply of None is never sent."""
 
@@ -45,7 +49,9 @@ class Dashboard:
         for line in link.makefile("r"):
             self.asked.append(line.strip())
             reply = self.replies.get(line.strip().lower(), f"could not understand: '{line.strip()}'")
-            if reply is not None:
+            if reply is HANG_UP:
+                link.shutdown(socket.SHUT_RDWR)
+            elif reply is not None:
                 link.sendall(f"{reply}\n".encode())
 
 
@@ -161,11 +167,22 @@ def test_a_lost_dashboard_is_a_lost_link_for_every_call(start_controller, open_p
     controller = start_controller(HOST)
     program = open_program()
     controller.close()
-    for call in (program.play, program.stop, lambda: program.check(PROGRAM), lambda: program.load(PROGRAM)):
-        with pytest.raises(LinkLostError, match="did not take"):
+    with pytest.raises(LinkLostError, match="did not take 'play'"):
+        program.play()
+    for call in (program.stop, lambda: program.check(PROGRAM), lambda: program.load(PROGRAM)):
+        with pytest.raises(ConnectError, match="does not answer"):
             call()
     program.close()
     program.close()
+
+
+def test_a_stop_gets_through_after_the_dashboard_has_hung_up(scripted, open_program):
+    scripted(SCRIPTED, Dashboard({"play": HANG_UP}), Dashboard(READY), port=29999)
+    program = open_program(SCRIPTED)
+    with pytest.raises(LinkLostError, match="did not take 'play'"):
+        program.play()
+    program.stop()
+    assert program.check(PROGRAM) == []
 
 
 def test_a_controller_without_a_dashboard_cannot_be_connected(open_program):

@@ -61,6 +61,7 @@ class UrDashboardProgram:
         self._load_limit_s = load_limit_s
         self._lock = threading.RLock()
         self._client: Any = None
+        self._is_open = False
         self.version: tuple[int, ...] = ()
         """Version of the controller's software, such as (5, 15, 0, 126652)."""
 
@@ -76,6 +77,7 @@ class UrDashboardProgram:
         """
         with self._lock:
             self._connect()
+            self._is_open = True
             try:
                 text = self._call("PolyscopeVersion", "polyscopeVersion")
             except DeviceError as error:
@@ -94,7 +96,7 @@ class UrDashboardProgram:
                 "The package ur-rtde, which controls the robot's program, is not installed here.",
                 hint="Run the bench on Linux, or install it with: pip install ur-rtde.",
             ) from error
-        self.close()
+        self._disconnect()
         client = DashboardClient(self._host)
         try:
             client.connect(CONNECT_TIMEOUT_MS)
@@ -154,11 +156,9 @@ class UrDashboardProgram:
             It is not loaded within the limit.
         """
         with self._lock:
-            try:
+            # The reply may come when everything is loaded, which can outlast ur_rtde's limit on an answer.
+            with suppress(DeviceTimeoutError):
                 self._call(f"load {program}", "loadURP", program)
-            except DeviceTimeoutError:
-                # The reply may come when everything is loaded, which can outlast ur_rtde's limit on an answer.
-                self._connect()
             self._wait(lambda: self._has_loaded(program), f"load '{program}'", self._load_limit_s)
 
     def play(self) -> None:
@@ -178,10 +178,14 @@ class UrDashboardProgram:
     def close(self) -> None:
         """Disconnect. May be called twice, and after an error."""
         with self._lock:
-            client, self._client = self._client, None
-            if client is not None:
-                with suppress(Exception):
-                    client.disconnect()
+            self._is_open = False
+            self._disconnect()
+
+    def _disconnect(self) -> None:
+        client, self._client = self._client, None
+        if client is not None:
+            with suppress(Exception):
+                client.disconnect()
 
     def _program_state(self) -> tuple[str, str]:
         state, _, name = str(self._call("programState", "programState")).partition(" ")
@@ -205,13 +209,22 @@ class UrDashboardProgram:
             self._clock.sleep_until_ns(self._clock.now_ns() + patience_ns(self._clock, POLL_S))
 
     def _call(self, command: str, method: str, *arguments: str) -> Any:
-        """Call ur_rtde and turn whatever it raises into one of our errors."""
-        if self._client is None:
+        """Call ur_rtde and turn whatever it raises into one of our errors.
+
+        After a failed exchange its connection is of no more use, so the next call makes a new one: a stop must get
+        through after a hiccup.
+        """
+        if not self._is_open:
             raise LinkLostError(f"The dashboard server of {self._peer} is not connected, so '{command}' is not sent.")
+        if self._client is None:
+            self._connect()
         try:
             return getattr(self._client, method)(*arguments)
         except Exception as error:
-            raise self._translate(command, str(error)) from error
+            fault = self._translate(command, str(error))
+            if not isinstance(fault, DeviceStateError):
+                self._disconnect()
+            raise fault from error
 
     def _translate(self, command: str, said: str) -> DeviceError:
         text = said.lower()
