@@ -1,0 +1,29 @@
+"""What the documentation's pages take as given."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from example_take import write_example_take
+from markdown_pages import ROOT, find_blocks
+
+
+@pytest.fixture(scope="session")
+def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Make once what the pages take as given: a recording of two cycles with its report, an old take, two configs."""
+    folder = tmp_path_factory.mktemp("material")
+    bench = [sys.executable, "-m", "bench"]
+    for arguments in (["run", "--cycles", "2", "--speed", "10", "--output", "run.mcap"], ["report", "run.mcap"]):
+        made = subprocess.run(
+            [*bench, *arguments], cwd=folder, capture_output=True, text=True, timeout=120, check=False
+        )
+        assert made.returncode == 0, made.stdout + made.stderr
+    write_example_take(folder / "take.csv")
+    readme = find_blocks(ROOT / "README.md")
+    for block in readme:
+        if "file" in block.notes:
+            (folder / block.notes["file"]).write_text(block.text, encoding="utf-8")
+    return folder

@@ -1,0 +1,183 @@
+"""Writes the reference pages that are made from the code: ``python tests/docs/reference_pages.py``.
+
+A test says so when one of them is not current.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any, get_args
+
+from markdown_pages import ROOT
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from pydantic_core import PydanticUndefined
+
+from bench.config import Config, config_schema
+from bench.recording.schemas import load_schema
+from bench.recording.topics import TOPICS
+
+REFERENCE = ROOT / "docs" / "reference"
+NOTICE = "<!-- made by tests/docs/reference_pages.py: do not edit by hand -->\n"
+
+TABLE_HEAD = "| key | kind | default | meaning |\n|---|---|---|---|\n"
+CONFIGURATION_HEAD = """# Configuration
+
+A configuration is one TOML file. Every key that is a quantity carries its unit in its name. An unknown key, a wrong
+unit, text where a number belongs: each is refused with file, line and a suggestion, and exit code 2. Nothing is
+guessed.
+
+```console
+$ bench config check lab.toml
+$ bench config show lab.toml
+$ bench config schema
+```
+
+`show` prints the file with every default filled in; that resolved text is what travels in the run file. `schema`
+prints a JSON schema for editors. [`bench_configs/`](../../bench_configs/) has three files to start from.
+
+**bold**: must be given. Which tables are needed depends on the command: `bench run` and `bench check` need `[robot]`
+and `[tracker]`; `bench import` and `bench report` do not.
+"""
+
+CONFIGURATION_TAIL = """
+## What the keys have to say to each other
+
+- Give either `marker_arc_length_m`, or `marker_count` together with `marker_spacing_m`. The anchor itself is at arc
+  length 0 and is not in the list.
+- `axial_stiffness_n` and `max_tension_n` belong together. Then `stretch` is their ratio (Hooke's law).
+- `kind = "rigid_body"` needs `name`; `position_m` belongs to `kind = "static_marker"`.
+- `register` and `running_register` are both output integer registers and must differ.
+- A `[simulation]` table needs loopback addresses (127.x.y.z): it makes `bench run` start the simulated bench.
+"""
+
+FORMAT_HEAD = """# Recording format
+
+A run file is an [MCAP](https://mcap.dev) file. Every message is CDR (little endian, XCDR1) with a `ros2msg` schema, so
+that Lichtblick, Foxglove, Rerun and PlotJuggler open it without plugins. The schemas travel in the file.
+
+While it is written the file is called `NAME.mcap.active`; when it is finished it is renamed to `NAME.mcap`. An
+existing file is never overwritten. Chunks are LZ4-compressed, at most about 1 MiB or one second long, each with a
+checksum. Why it is so: [the explanation](../explanations/recording.md).
+
+## Times and numbers
+
+| MCAP field | meaning |
+|---|---|
+| `log_time` | arrival at this computer, host time |
+| `publish_time` | capture, mapped to host time by the clock map known online; for events the moment of the event |
+| `sequence` | the device's own number: the place on the controller's time grid, or the tracker's frame number |
+
+Host time is Unix nanoseconds computed from one pair of monotonic clock and UTC, read when the run starts. Raw device
+times are in the messages, so that the maps can be computed again; the report does so.
+What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angles radians.
+
+## Metadata
+
+| record | holds |
+|---|---|
+| `bench.config` | `toml`: the resolved configuration |
+| `bench.run` | run id, format version, library versions, start |
+| `bench.facts` | name, sample, operator, computer, whether the bench was simulated |
+| `bench.device.robot`, `bench.device.tracker` | what each device said of itself |
+| `bench.end` | exit status, reason, and for each topic received, written, dropped and missed |
+
+## Topics
+"""
+
+
+def make_configuration_page() -> str:
+    """Return the text of ``docs/reference/configuration.md``."""
+    parts = [CONFIGURATION_HEAD]
+    for name, model in _tables("", Config):
+        parts.append(f"\n## [{name}]\n\n{(model.__doc__ or '').strip()}\n\n{TABLE_HEAD}")
+        parts.extend(_row(key, model) for key in model.model_fields if not _is_table(model.model_fields[key]))
+    return NOTICE + "".join(parts) + CONFIGURATION_TAIL
+
+
+def make_recording_format_page() -> str:
+    """Return the text of ``docs/reference/recording-format.md``."""
+    rows = "".join(f"| `{topic.name}` | [`{topic.schema}`](#{_slug(topic.schema)}) |\n" for topic in TOPICS.values())
+    parts = [FORMAT_HEAD, "\n| topic | schema |\n|---|---|\n", rows, "\n## Schemas\n"]
+    schemas = dict.fromkeys(topic.schema for topic in TOPICS.values())
+    parts.extend(f"\n### {name}\n\n```text\n{load_schema(name).text.strip()}\n```\n" for name in schemas)
+    return NOTICE + "".join(parts)
+
+
+PAGES = {
+    REFERENCE / "configuration.md": make_configuration_page,
+    REFERENCE / "recording-format.md": make_recording_format_page,
+}
+
+
+def _tables(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+    for name, info in model.model_fields.items():
+        inner = _model_in(info.annotation)
+        if inner is not None:
+            yield f"{prefix}{name}", inner
+            yield from _tables(f"{prefix}{name}.", inner)
+
+
+def _is_table(info: FieldInfo) -> bool:
+    return _model_in(info.annotation) is not None
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    candidates = [annotation, *get_args(annotation)]
+    return next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+
+
+def _row(field: str, model: type[BaseModel]) -> str:
+    info = model.model_fields[field]
+    key = info.alias or field
+    shown = f"**`{key}`**" if info.is_required() else f"`{key}`"
+    meaning = (info.description or "").replace("|", "\\|")
+    return f"| {shown} | {_kind(key, model)} | {_default(info)} | {meaning} |\n"
+
+
+def _default(info: FieldInfo) -> str:
+    if info.default is PydanticUndefined:
+        return ""
+    if info.default is None or info.default == "":
+        return "none"
+    value = f'"{info.default}"' if isinstance(info.default, str) else f"{info.default}"
+    return f"`{value.lower() if isinstance(info.default, bool) else value}`"
+
+
+def _kind(key: str, model: type[BaseModel]) -> str:
+    schema = config_schema()["$defs"][model.__name__]["properties"][key]
+    options = [o for o in schema.get("anyOf", [schema]) if o.get("type") != "null"]
+    return " or ".join(_describe(option) for option in options)
+
+
+def _describe(schema: dict[str, Any]) -> str:
+    if "enum" in schema or "const" in schema:
+        return ", ".join(f'`"{value}"`' for value in schema.get("enum", [schema.get("const")]))
+    if schema["type"] == "array":
+        n = schema.get("minItems")
+        return f"list of {n} numbers" if n == schema.get("maxItems") and n else "list of numbers"
+    words = {"string": "text", "integer": "whole number", "number": "number", "boolean": "`true`, `false`"}
+    return words[schema["type"]] + _bounds(schema)
+
+
+def _bounds(schema: dict[str, Any]) -> str:
+    low = f" {schema['minimum']:g}" if "minimum" in schema else ""
+    low = f" above {schema['exclusiveMinimum']:g}" if "exclusiveMinimum" in schema else low
+    high = f" to {schema['maximum']:g}" if "maximum" in schema else ""
+    high = f" to below {schema['exclusiveMaximum']:g}" if "exclusiveMaximum" in schema else high
+    if low and not high and "above" not in low:
+        return f", at least{low}"
+    return f",{low}{high}" if low or high else ""
+
+
+def _slug(name: str) -> str:
+    return "".join(character for character in name.lower() if character.isalnum() or character in "-_")
+
+
+def main() -> None:
+    for path, make in PAGES.items():
+        path.write_text(make(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
