@@ -107,13 +107,17 @@ class SimulatedBench:
 
     def close(self) -> None:
         """Close all ports and finish the truth file. `RecordingError` if that could not be written whole."""
-        self._close_devices()
-        if self._truth is not None:
-            self._truth.close()
+        try:
+            self._close_devices()
+        finally:
+            if self._truth is not None:
+                self._truth.close()
 
     def _close_devices(self) -> None:
-        self.tracker.close()
-        self.robot.close()
+        try:
+            self.tracker.close()
+        finally:
+            self.robot.close()
 
     def _make_robot(self, robot: RobotConfig, started_ns: int) -> UrController:
         clock = DeviceClock(started_ns, round(ROBOT_S_AT_START * 1e9), 1e9, self._simulation.robot_clock_ppm)
