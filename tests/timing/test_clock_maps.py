@@ -6,7 +6,6 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from bench.model import ClockSample, ClockSource
 from bench.timing import EchoFilter, MinimumDelayFilter, estimate_echo_map, estimate_hull_map
 
 Ints = npt.NDArray[np.int64]
@@ -123,7 +122,7 @@ def test_the_echo_filter_follows_the_answers_and_forgets_them_on_reset() -> None
     assert online.map is None
     send, ticks, receive = make_echoes(np.random.default_rng(3), 20.0, 1e7, -42.0)
     for i in range(len(ticks)):
-        online.update(ClockSample(ClockSource.TRACKER, int(send[i]), int(ticks[i]), int(receive[i]), 1e7))
+        online.update(int(send[i]), int(ticks[i]), int(receive[i]), 1e9 / 1e7)
     assert online.map is not None
     assert online.map.n_samples == 40
     truth = make_device(20.0, 4.0, 1e7, -42.0)[1]

@@ -9,13 +9,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, overload
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
-
-if TYPE_CHECKING:
-    from bench.model import ClockSample
 
 __all__ = ["ClockMap", "EchoFilter", "MinimumDelayFilter", "estimate_echo_map", "estimate_hull_map"]
 
@@ -190,21 +187,19 @@ class EchoFilter:
     """The map of a device that answers clock questions, refitted at each answer over the last minute."""
 
     def __init__(self, n_kept: int = 240) -> None:
-        self._samples: deque[ClockSample] = deque(maxlen=n_kept)
+        self._answers: deque[tuple[int, int, int]] = deque(maxlen=n_kept)
         self.map: ClockMap | None = None
         """The newest map, or None before the first answer."""
 
-    def update(self, sample: ClockSample) -> None:
-        """Take one answer into account."""
-        self._samples.append(sample)
-        send, ticks, receive = np.array(
-            [(s.send_ns, s.device_ticks, s.receive_ns) for s in self._samples], dtype=np.int64
-        ).T
-        self.map = estimate_echo_map(send, ticks, receive, 1e9 / sample.ticks_per_s)
+    def update(self, send_ns: int, ticks: int, receive_ns: int, ns_per_tick: float) -> None:
+        """Take one answer into account: host time before it, the device's clock, host time after it."""
+        self._answers.append((send_ns, ticks, receive_ns))
+        send, answer, receive = np.array(self._answers, dtype=np.int64).T
+        self.map = estimate_echo_map(send, answer, receive, ns_per_tick)
 
     def reset(self) -> None:
         """Forget everything: a new clock segment begins."""
-        self._samples.clear()
+        self._answers.clear()
         self.map = None
 
 

@@ -190,7 +190,7 @@ class FrameStream:
         self.answers_since_frame += 1
         sample = ClockSample(ClockSource.TRACKER, send_ns, ticks, arrival_ns, float(self._clock_hz), self._segment)
         self._sink(sample)
-        self._echo.update(sample)
+        self._echo.update(sample.send_ns, sample.device_ticks, sample.receive_ns, 1e9 / sample.ticks_per_s)
 
     def _take_models(self, payload: bytes) -> None:
         models = self._bitstream.decode_models(payload)

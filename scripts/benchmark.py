@@ -1,0 +1,234 @@
+"""Measures bench beside its peers and its limits, in one run, and prints one table."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pyarrow.parquet as pq
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from natnet import DataFrame, PacketBuffer
+from natnet import Version as PeerVersion
+from scipy.interpolate import CubicSpline
+
+from bench.analysis import fit_spline
+from bench.config import simulated_config_text
+from bench.drivers.tracker.natnet.frame import decode_frame
+from bench.recording import open_run
+
+REPORT_LIMIT_S = 60.0
+REPORT_LIMIT_BYTES = 1.5e9
+SPEEDS = (10, 20, 40, 80)
+
+
+@dataclass(frozen=True)
+class Row:
+    what: str
+    ours: str
+    peer: str
+    ratio: str
+
+
+@dataclass(frozen=True)
+class Finished:
+    text: str
+    wall_s: float
+    cpu_s: float
+    """User and system time of the process itself, without its children."""
+    peak_bytes: int
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--full", action="store_true", help="1000 cycles, and how far --speed goes")
+    full = parser.parse_args().full
+    with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
+        folder = Path(name)
+        rows = measure_main_job(folder, n_cycles=1000 if full else 100)
+        rows += [measure_reading(folder / "run.mcap"), measure_curvature(), measure_decoding()]
+        rows += measure_paper_sorting(folder, n_cycles=40)
+        if full:
+            rows += [measure_speed(folder, speed) for speed in SPEEDS]
+    print_table(rows)
+
+
+def measure_main_job(folder: Path, n_cycles: int) -> list[Row]:
+    """Record at ten times real time and report on one core."""
+    path = folder / "run.mcap"
+    run = bench("run", "--cycles", n_cycles, "--speed", 10, "--output", path)
+    report = bench("report", path, "--output", folder / "report", cores={0})
+    table = pq.read_table(folder / "report" / "cycles.parquet").to_pydict()
+    counted = len(set(table["cycle_index"]))
+    n_frames = len(open_run(path)["/tracker/frame"]["frame_number"])
+    losses = run.text.split(" tracker frames, ")[1].split(".")[0]
+    frames_per_s, wanted_per_s = n_frames / report.wall_s, 200_000 / REPORT_LIMIT_S
+    return [
+        Row(f"run, {n_cycles} cycles at --speed 10: cycles counted", f"{counted} ({losses})", f"{n_cycles}", "-"),
+        ratio_row("run: recorder and drivers, cores", run.cpu_s / run.wall_s, 1.0, "limit"),
+        ratio_row("report, one core, all of it: frames/s", frames_per_s, wanted_per_s, "limit"),
+        ratio_row("report: peak memory, MB", report.peak_bytes / 1e6, REPORT_LIMIT_BYTES / 1e6, "limit"),
+    ]
+
+
+def measure_reading(path: Path) -> Row:
+    """Read robot states and points into arrays, against the ordinary decoder."""
+    topics = ["/robot/state", "/tracker/points"]
+
+    def ours() -> int:
+        run = open_run(path)
+        run.load(topics)
+        return sum(run.topics[topic] for topic in topics)
+
+    def peer() -> int:
+        with path.open("rb") as stream:
+            reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+            return sum(1 for _ in zip(range(20_000), reader.iter_decoded_messages(topics=topics), strict=False))
+
+    return ratio_row("reading, messages/s", rate(ours), rate(peer), "mcap-ros2-support")
+
+
+def measure_curvature() -> Row:
+    """Draw the paper's spline through 10 markers, 100 samples, against a CubicSpline for each frame."""
+    rng = np.random.default_rng(1)
+    arc = np.linspace(0.06, 1.14, 10)
+    markers = np.stack([np.cos(arc * 3), np.sin(arc * 3), arc], axis=1) + rng.normal(0, 2e-4, (20_000, 10, 3))
+    sample = np.linspace(arc[0], arc[-1], 100)
+
+    def ours() -> int:
+        fit_spline(markers.astype(np.float32), arc, sample, 2e-4)
+        return len(markers)
+
+    def peer() -> int:
+        for frame in markers[:2000]:
+            spline = CubicSpline(arc, frame)
+            first, second = spline(sample, 1), spline(sample, 2)
+            np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
+        return 2000
+
+    return ratio_row("curvature with its sd, frames/s", rate(ours), rate(peer), "scipy CubicSpline loop")
+
+
+def measure_decoding() -> Row:
+    """Decode a real recorded frame, against the client from PyPI."""
+    data = Path(__file__).resolve().parents[1] / "tests" / "drivers" / "tracker" / "data" / "natnet"
+    payload = (data / "mocapframe_packet_v3.bin").read_bytes()[4:]
+
+    def ours() -> int:
+        for _ in range(5000):
+            decode_frame(payload, (3, 0, 0, 0))
+        return 5000
+
+    def peer() -> int:
+        for _ in range(2000):
+            DataFrame.read_from_buffer(PacketBuffer(payload), PeerVersion(3, 0))
+        return 2000
+
+    return ratio_row("NatNet frames decoded/s", rate(ours), rate(peer), "natnet 0.3.0")
+
+
+def measure_paper_sorting(folder: Path, n_cycles: int) -> list[Row]:
+    """Score the paper's sorting against the simulated truth, with and without misses and ghosts."""
+    rows = []
+    for name, misses, ghosts in (("nothing missing", 0.0, 0), ("5 % misses, 2 ghosts", 0.05, 2)):
+        config = folder / f"misses-{ghosts}.toml"
+        text = simulated_config_text().replace("127.0.0.2", "127.0.51.2")
+        config.write_text(f"{text}\nmiss_probability = {misses}\nghost_count = {ghosts}\n")
+        path, truth = folder / f"sorting-{ghosts}.mcap", folder / f"truth-{ghosts}.parquet"
+        bench("run", config, "--cycles", n_cycles, "--speed", 10, "--output", path, "--truth", truth)
+        # wrong labels may look like a bend below the limit, which is exit code 1 and no fault of this script
+        bench("report", path, "--output", folder / f"sorting-{ghosts}", check=False)
+        exact, wrong = score(folder / f"sorting-{ghosts}" / "markers.parquet", truth)
+        rows.append(Row(f"paper's sorting, {name}: frames exact", f"{exact:.2%}", "truth", f"{wrong:.2%} wrong label"))
+    return rows
+
+
+def measure_speed(folder: Path, speed: int) -> Row:
+    """Ask for a multiple of real time and see whether the machine keeps up, by the run's own words."""
+    path = folder / f"speed-{speed}.mcap"
+    run = bench("run", "--cycles", speed * 5, "--speed", speed, "--output", path, check=False)
+    if "cannot keep up" in run.text:
+        verdict = "the run says: too fast for this machine"
+    else:
+        verdict = "kept up" if "Next: bench report" in run.text else "refused by the preflight"
+    counted = run.text.split(" cycles: ")[0].splitlines()[-1] if " cycles: " in run.text else "0"
+    return Row(f"--speed {speed}: cycles counted", counted, f"{speed * 5}", verdict)
+
+
+def score(markers: Path, truth: Path) -> tuple[float, float]:
+    """Return the fraction of frames that are exact, and of those with a wrong label."""
+    found, true = (_sources(path) for path in (markers, truth))
+    both = sorted(found.keys() & true.keys())
+    a, b = np.array([found[n] for n in both]), np.array([true[n] for n in both])
+    return float(np.mean((a == b).all(axis=1))), float(np.mean(((a >= 0) & (a != b)).any(axis=1)))
+
+
+def _sources(path: Path) -> dict[int, list[int]]:
+    columns = pq.read_table(path, columns=["frame_number", "source"]).to_pydict()
+    return dict(zip(columns["frame_number"], columns["source"], strict=True))
+
+
+def bench(*arguments: object, cores: set[int] | None = None, check: bool = True) -> Finished:
+    """Run the command and account for its own process alone; the simulated bench is another one."""
+    command = [sys.executable, "-m", "bench", *map(str, arguments)]
+    begin = time.perf_counter()
+    with tempfile.TemporaryFile("w+") as out:
+        process = subprocess.Popen(command, stdout=out, stderr=subprocess.STDOUT)
+        if cores is not None:
+            os.sched_setaffinity(process.pid, cores)
+        cpu_s, peak_bytes = _watch(psutil.Process(process.pid), process)
+        wall_s = time.perf_counter() - begin
+        out.seek(0)
+        text = out.read()
+    if check and process.returncode:
+        sys.exit(f"{' '.join(command)} ended with {process.returncode}:\n{text}")
+    return Finished(text, wall_s, cpu_s, peak_bytes)
+
+
+def _watch(watched: psutil.Process, process: subprocess.Popen[bytes]) -> tuple[float, int]:
+    cpu_s, peak_bytes = 0.0, 0
+    while process.poll() is None:
+        try:
+            times, memory = watched.cpu_times(), watched.memory_info()
+        except psutil.NoSuchProcess:
+            break
+        cpu_s, peak_bytes = max(cpu_s, times.user + times.system), max(peak_bytes, memory.rss)
+        time.sleep(0.02)
+    process.wait()
+    return cpu_s, peak_bytes
+
+
+def rate(work: Callable[[], int]) -> float:
+    """Return how many things a second `work` does: the best of three, after one to warm up."""
+    work()
+    best = 0.0
+    for _ in range(3):
+        begin = time.perf_counter()
+        n = work()
+        best = max(best, n / (time.perf_counter() - begin))
+    return best
+
+
+def ratio_row(what: str, ours: float, peer: float, name: str) -> Row:
+    return Row(what, f"{ours:,.4g}", f"{peer:,.4g} ({name})", f"{ours / peer:.3g}")
+
+
+def print_table(rows: list[Row]) -> None:
+    header = Row("what", "ours", "peer or limit", "ratio")
+    widths = [max(len(getattr(row, f)) for row in [header, *rows]) for f in ("what", "ours", "peer", "ratio")]
+    for row in [header, *rows]:
+        cells = (row.what, row.ours, row.peer, row.ratio)
+        print("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
+
+
+if __name__ == "__main__":
+    main()
