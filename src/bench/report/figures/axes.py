@@ -22,24 +22,31 @@ NICE_RADII_MM: Floats = np.concatenate([NICE * 10.0**power for power in range(-2
 def draw_limit(axes: Axes, limit_per_m: float) -> None:
     """Draw the catalogue limit; what lies beyond it is tinted. Call when the axes' limits are final."""
     bottom, top = axes.get_ylim()
-    if bottom < limit_per_m < top:
-        axes.axhline(limit_per_m, color=WARNING_INK, linewidth=1.1, zorder=2.5)
-        axes.axhspan(limit_per_m, top, color=WARNING_INK, alpha=0.06, linewidth=0, zorder=0)
-        where, place, align = limit_per_m, (4, 3), "bottom"
+    if limit_per_m < top:
+        axes.axhspan(max(limit_per_m, bottom), top, color=WARNING_INK, alpha=0.06, linewidth=0, zorder=0)
+    if limit_per_m >= top:
+        _name_limit(axes, limit_per_m, top, " ↑")
+    elif limit_per_m <= bottom:
+        _name_limit(axes, limit_per_m, bottom, " ↓")
     else:
-        where, place, align = (top, (4, -3), "top") if limit_per_m >= top else (bottom, (4, 3), "bottom")
-    beyond = "" if bottom < limit_per_m < top else (" ↑" if limit_per_m >= top else " ↓")
+        axes.axhline(limit_per_m, color=WARNING_INK, linewidth=1.1, zorder=2.5)
+        _name_limit(axes, limit_per_m, limit_per_m, "")
+    axes.set_ylim(bottom, top)
+
+
+def _name_limit(axes: Axes, limit_per_m: float, height_per_m: float, arrow: str) -> None:
+    """Write the limit's name at a height; an arrow says that the limit itself lies outside."""
+    below = arrow == " ↑"
     axes.annotate(
-        f"catalogue limit {1e3 / limit_per_m:.4g} mm{beyond}",
-        xy=(0.0, where),
+        f"catalogue limit {1e3 / limit_per_m:.4g} mm{arrow}",
+        xy=(0.0, height_per_m),
         xycoords=("axes fraction", "data"),
-        xytext=place,
+        xytext=(4, -3 if below else 3),
         textcoords="offset points",
-        va=align,
+        va="top" if below else "bottom",
         color=WARNING_INK,
         fontsize=8.5,
     )
-    axes.set_ylim(bottom, top)
 
 
 def add_radius_axis(axes: Axes) -> None:

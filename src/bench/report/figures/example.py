@@ -18,7 +18,7 @@ __all__ = ["drawable_example", "example_figure", "n_points_outside"]
 Floats = npt.NDArray[np.float64]
 
 AXIS_NAMES = "xyz"
-LABELS_LIMIT = 16
+LABELS_LIMIT = 20
 """Most numbers written beside points; with more markers every second, third … is numbered."""
 PANEL_WIDTH_IN = 3.6
 """Width of one of the two columns of projections."""

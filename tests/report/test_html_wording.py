@@ -1,0 +1,205 @@
+"""The numbers of the first screen, and the words around them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from synthetic_results import GRID_M, make_results
+
+from bench.model import Outcome
+from bench.report.headline import (
+    Headline,
+    TightestBend,
+    find_tightest_bend,
+    find_unjudged_bend,
+    radius_interval_mm,
+    summarise,
+)
+from bench.report.methods import describe_methods, warn_about_clamps
+from bench.report.results import ClockFinding
+from bench.report.wording import (
+    describe_clocks,
+    describe_ending,
+    describe_interval,
+    describe_losses,
+    describe_outcome,
+    describe_place,
+    say_mm,
+    say_number,
+    say_percent,
+    say_utc,
+)
+
+THIN, MINUS = "\u202f", "\u2212"
+
+
+def with_maxima(values: list[float], verdicts: list[str] | None = None):
+    results = make_results(len(values))
+    value = np.array(values)
+    cycles = dataclasses.replace(
+        results.cycles,
+        max_curvature_per_m=value,
+        min_bend_radius_mm=1e3 / value,
+        verdict=verdicts or ["ok"] * len(values),
+    )
+    return dataclasses.replace(results, cycles=cycles)
+
+
+def bend(**changes: float) -> TightestBend:
+    return dataclasses.replace(TightestBend(4, 60.0, 58.0, 62.0, 120.0, 0.25), **changes)
+
+
+def test_the_tightest_bend_is_found_with_its_cycle_place_and_phase():
+    results = make_results(20, per_cycle=50)
+    frames = results.frames
+    frames.curvature_per_m[7 * 50 + 13, 42] = 25.0
+    cycles = results.cycles
+    cycles.max_curvature_per_m[7] = 25.0
+    cycles.max_curvature_arc_length_m[7] = GRID_M[42]
+    found = find_tightest_bend(results)
+    assert found.cycle_index == 7
+    assert found.radius_mm == pytest.approx(40.0)
+    assert found.arc_length_mm == pytest.approx(1e3 * GRID_M[42])
+    assert found.cycle_phase == pytest.approx(13.5 / 50)
+    assert (found.low_mm, found.high_mm) == pytest.approx((1e3 / 25.3, 1e3 / 24.7))
+
+
+def test_a_cycle_that_was_not_recorded_whole_does_not_make_the_headline_but_is_named():
+    results = with_maxima([10.0, 40.0, 12.0], ["ok", "interrupted", "slow"])
+    assert find_tightest_bend(results).cycle_index == 2
+    assert find_unjudged_bend(results).cycle_index == 1
+    assert find_unjudged_bend(with_maxima([10.0, 11.0], ["ok", "gap"])).cycle_index == 1
+    assert find_unjudged_bend(with_maxima([12.0, 11.0], ["ok", "gap"])) is None
+
+
+def test_without_a_sound_cycle_the_others_make_the_headline():
+    results = with_maxima([10.0, 40.0], ["gap", "interrupted"])
+    assert find_tightest_bend(results).cycle_index == 1
+    assert find_unjudged_bend(results) is None
+
+
+def test_no_curvature_at_all_gives_no_tightest_bend():
+    assert find_tightest_bend(with_maxima([math.nan, math.nan])) is None
+    assert find_tightest_bend(make_results(0)) is None
+    assert summarise(make_results(0)).n_cycles == 0
+
+
+def test_a_maximum_without_a_place_has_no_phase():
+    results = make_results(3)
+    results.cycles.max_curvature_arc_length_m[:] = np.nan
+    assert math.isnan(find_tightest_bend(results).cycle_phase)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    curvature=st.floats(1e-3, 1e3),
+    sigma=st.floats(0, 1e3),
+)
+def test_the_interval_holds_the_radius_and_is_open_where_the_cable_may_be_straight(curvature, sigma):
+    low, high = radius_interval_mm(curvature, sigma)
+    assert 0 < low <= 1e3 / curvature * (1 + 1e-12)
+    assert high >= 1e3 / curvature * (1 - 1e-12)
+    assert math.isinf(high) == (curvature <= 2 * sigma)
+
+
+def test_an_unknown_noise_gives_an_unknown_interval():
+    low, high = radius_interval_mm(10.0, math.nan)
+    assert math.isnan(low)
+    assert math.isnan(high)
+    assert describe_interval(bend(low_mm=low, high_mm=high)) == "uncertainty not known"
+
+
+def test_intervals_and_places_read_as_words():
+    assert describe_interval(bend()) == "58.0 to 62.0\u00a0mm (± 2\u00a0sd)"
+    assert describe_interval(bend(high_mm=math.inf)).startswith("58.0\u00a0mm or more")
+    assert describe_place(bend()) == "120.0\u00a0mm from the anchor, cycle\u00a04, phase\u00a00.250"
+    assert describe_place(bend(cycle_phase=math.nan, arc_length_mm=math.nan)) == "cycle\u00a04"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(4.136, "4.14"), (65.55, "65.5"), (1140.0, f"1{THIN}140"), (math.nan, "–"), (math.inf, "∞"), (0.0, "0.00")],
+)
+def test_lengths_have_about_four_figures(value, text):
+    assert say_mm(value) == text
+
+
+def test_numbers_use_a_real_minus_and_group_thousands():
+    assert say_number(-1234567.5, 1) == f"{MINUS}1{THIN}234{THIN}567.5"
+
+
+@pytest.mark.parametrize(("fraction", "text"), [(1.0, "100.0"), (0.99999, "99.9"), (0.0, "0.0")])
+def test_only_what_is_whole_reads_a_hundred_per_cent(fraction, text):
+    assert say_percent(fraction) == f"{text}{THIN}%"
+
+
+def test_times_are_utc_to_the_millisecond():
+    assert say_utc(1_772_654_405_123_999_999) == "2026-03-04 20:00:05.123"
+    assert say_utc(-1) == "–"
+
+
+def test_a_pass_claims_no_more_than_was_measured():
+    assert describe_outcome(make_results(3), summarise(make_results(3)))[0].startswith("No bend tighter than")
+    unseen = with_maxima([math.nan])
+    assert describe_outcome(unseen, summarise(unseen)) == ["The bench found nothing against the cable in this run."]
+
+
+def test_a_fail_by_the_limit_names_the_limit_and_its_reasons_follow():
+    results = dataclasses.replace(with_maxima([20.0]), outcome=Outcome.FAIL, outcome_reasons=["Here."])
+    sentences = ["The cable was bent tighter than its catalogue limit of 60 mm.", "Here."]
+    assert describe_outcome(results, summarise(results)) == sentences
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        ("success", "The run ended as planned: all done."),
+        ("abort", "The run was aborted: all done."),
+        ("fail", "The run failed: all done."),
+        ("unfinished", "The recording was never finished: all done."),
+        ("import", "Imported take: all done."),
+        ("odd", "The run ended with status odd: all done."),
+    ],
+)
+def test_every_way_a_run_can_end_is_one_sentence(status, words):
+    assert describe_ending(make_results(1, exit_status=status, exit_reason="all done.")) == words
+
+
+def test_losses_read_as_one_line():
+    nothing = Headline(1, 1, 60.0, None, 0, 0, 0)
+    assert describe_losses(nothing) == "no stream is counted in this recording"
+    assert describe_losses(dataclasses.replace(nothing, n_recorded=5)).startswith("nothing dropped, nothing missed")
+    assert describe_losses(dataclasses.replace(nothing, n_missed=5)).startswith("0 dropped by the bench, 5 never came")
+
+
+def test_clocks_read_as_one_line_for_each_device():
+    def clock(device: str, segment: int, drift: float, residual: float) -> ClockFinding:
+        return ClockFinding(device, segment, "echoes", 0.0, drift, residual, 9)
+
+    assert describe_clocks([clock("robot", 0, -3.0, 9.0)]) == [f"robot: {MINUS}3.0 ppm, residual 9 µs"]
+    assert describe_clocks([clock("robot", 0, 1, 9.0), clock("robot", 1, 2, 30.0)]) == [
+        "robot: 2 segments, residual 30 µs at most"
+    ]
+    assert describe_clocks([clock("take", 0, math.nan, math.nan)]) == ["take: residual not known"]
+
+
+def test_the_papers_methods_come_with_their_known_faults():
+    notes = {note.step: note.limits for note in describe_methods(make_results(1))}
+    assert list(notes) == ["cycles", "sorting", "curvature", "largest curvature", "uncertainty"]
+    assert "33, 61 and 74 %" in notes["curvature"]
+    assert "64 %" in notes["sorting"]
+    assert "above the truth" in notes["largest curvature"]
+    assert "0.2 mm" in notes["uncertainty"]
+
+
+def test_a_method_without_figures_is_said_to_have_none():
+    results = make_results(1, methods={"curvature": "elastica", "extra": "new"})
+    assert {note.limits for note in describe_methods(results)[:2]} == {
+        "No figures for this method are kept with this report."
+    }
+    assert warn_about_clamps(results) == ""
