@@ -79,7 +79,10 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.config` | `toml`: the resolved configuration |
 | `bench.run` | run id, format version, library versions, start |
 | `bench.facts` | name, sample, operator, computer, whether the bench was simulated |
+| `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
 | `bench.device.robot`, `bench.device.tracker` | what each device said of itself |
+| `bench.cycles` | how many cycles were completed |
+| `bench.import` | for imported takes: file, checksum, format, what its header promised |
 | `bench.end` | exit status, reason, and for each topic received, written, dropped and missed |
 
 ## Topics

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from reference_pages import REFERENCE
 from bench import errors
 from bench.cli.app import app
 from bench.config import load_config, simulated_config_text
+from bench.recording import open_run
 
 
 @pytest.mark.parametrize("page", find_pages(), ids=lambda page: str(page.relative_to(ROOT)))
@@ -78,6 +80,18 @@ def test_the_reference_names_every_column_of_every_table(material: Path) -> None
         missing = [name for name in columns if f"`{name}`" not in section and f"`{name}`" not in text]
         assert section
         assert missing == [], path.name
+
+
+def test_the_reference_names_every_key_of_the_summary(material: Path) -> None:
+    text = (REFERENCE / "results.md").read_text(encoding="utf-8")
+    keys = json.loads((material / "run" / "summary.json").read_text(encoding="utf-8"))
+    assert [key for key in keys if f"`{key}`" not in text] == []
+
+
+def test_the_reference_names_every_topic_and_metadata_record(material: Path) -> None:
+    text = (REFERENCE / "recording-format.md").read_text(encoding="utf-8")
+    run = open_run(material / "run.mcap")
+    assert [name for name in [*run.metadata, *run.topics] if f"`{name}`" not in text] == []
 
 
 def test_the_simulated_configuration_to_copy_is_the_packaged_one() -> None:
