@@ -5,6 +5,7 @@ import signal
 import struct
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -58,7 +59,7 @@ def test_every_complete_chunk_before_a_cut_is_read(recording: bytes, tmp_path: P
     assert len(chunks) >= 8
     per_chunk = whole[ROBOT].sequence.tolist()
     seen = -1
-    cuts = sorted({*range(0, len(recording), 37), *(e + d for _, e in chunks for d in (-1, 0, 1, 20))})
+    cuts = sorted({*range(0, len(recording), 101), *(e + d for _, e in chunks for d in (-1, 0, 1, 20))})
     for cut in cuts:
         try:
             run = _open_bytes(tmp_path, recording[:cut])
@@ -136,8 +137,6 @@ def test_losing_the_first_chunk_of_an_unfinished_file_does_not_make_the_others_u
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_whatever_bytes_are_changed_only_our_own_errors_come(recording: bytes, data: st.DataObject) -> None:
-    import tempfile
-
     changed = bytearray(recording)
     for _ in range(data.draw(st.integers(1, 4))):
         at = data.draw(st.integers(0, len(changed) - 9))
@@ -152,6 +151,29 @@ def test_whatever_bytes_are_changed_only_our_own_errors_come(recording: bytes, d
             return
         assert len(run[ROBOT].q_rad) <= N_FRAMES + 1
         assert str(run.status)
+
+
+@pytest.fixture(scope="module")
+def unprotected(recording: bytes, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """Return a copy without compression and checksums: whatever is changed in it reaches the decoders."""
+    path = tmp_path_factory.mktemp("runs") / "copy.mcap"
+    return _rewrite(recording, path, CompressionType.NONE, enable_crcs=False).read_bytes()
+
+
+@settings(max_examples=120, deadline=None)
+@given(data=st.data())
+def test_whatever_reaches_the_decoders_only_our_own_errors_come(unprotected: bytes, data: st.DataObject) -> None:
+    changed = bytearray(unprotected)
+    for _ in range(data.draw(st.integers(1, 6))):
+        at = data.draw(st.integers(0, len(changed) - 9))
+        new = data.draw(st.sampled_from([b"\xff" * 8, b"\0" * 4, b"\x01", b"\x06", b"\xff\xff\xff\x7f", b"\x80", b"["]))
+        changed[at : at + len(new)] = new
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            run = _open_bytes(Path(folder), bytes(changed))
+        except RecordingError:
+            return
+        assert len(run[ROBOT].q_rad) <= N_FRAMES + 1
 
 
 def test_zeros_at_the_end_as_a_power_cut_leaves_them_are_no_records(recording: bytes, tmp_path: Path) -> None:

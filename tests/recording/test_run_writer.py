@@ -278,6 +278,16 @@ def test_a_file_that_vanishes_is_a_failure(tmp_path: Path) -> None:
         writer.close(exit_status="success", reason="")
 
 
+def test_a_fault_of_our_own_ends_the_recording_in_words(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    writer = open_writer(tmp_path / "run.mcap")
+    monkeypatch.setattr(writer._counts, "confirm", None)
+    with pytest.raises(RecordingError, match="cannot be written: TypeError"):
+        writer.close(exit_status="success", reason="")
+    assert "the recorder failed" in caplog.text
+
+
 def test_importing_into_a_failed_file_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = ManualClock(T0_NS)
     writer = open_writer(tmp_path / "run.mcap", clock, queue_limit=5)
@@ -327,13 +337,13 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     if mounted.returncode:
         pytest.skip("mounting a small file system needs root")
     yield folder
-    subprocess.run(["umount", folder], check=True, capture_output=True)
+    subprocess.run(["umount", "--lazy", folder], check=True, capture_output=True)
 
 
 def test_on_a_disk_that_is_really_full_everything_before_is_readable(small_disk: Path) -> None:
-    writer = open_writer(small_disk / "run.mcap")
+    writer = open_writer(small_disk / "run.mcap", queue_limit=100)
     with pytest.raises(DiskFullError):
-        writer.put_all(make_frame(i, n_points=50) for i in range(10_000))
+        writer.put_all(make_frame(i, n_points=50) for i in range(100_000))
     with pytest.raises(DiskFullError):
         writer.close(exit_status="fail", reason="")
     run = open_run(small_disk / "run.mcap.active")

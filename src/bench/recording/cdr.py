@@ -107,7 +107,11 @@ class Layout:
         )
 
     def offset_of(self, path: str) -> int:
-        return next(leaf.offset for leaf in self.leaves if leaf.path == path)
+        """Return where a number stands; `CdrError` if there is none of that path."""
+        for leaf in self.leaves:
+            if leaf.path == path:
+                return leaf.offset
+        raise CdrError(f"there is no number '{path}' in the message")
 
 
 def _numpy_format(leaf: Leaf) -> Any:

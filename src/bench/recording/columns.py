@@ -217,10 +217,13 @@ class _TextCollector:
     def take(self, data: bytes, offsets: Offsets) -> None:
         heads = _gather_heads(data, offsets)
         lengths = heads["length"].tolist()
-        decoded = [
-            decode(self._schema, _payload(data, offset, length))
-            for offset, length in zip(offsets.tolist(), lengths, strict=True)
-        ]
+        try:
+            decoded = [
+                decode(self._schema, _payload(data, offset, length))
+                for offset, length in zip(offsets.tolist(), lengths, strict=True)
+            ]
+        except CdrError as error:
+            raise DamagedError(str(error)) from error
         for path, values in self._values.items():
             values.extend(message.get(path) for message in decoded)
         self._heads.append(heads)

@@ -127,6 +127,7 @@ def _rename(topic: str, arrays: dict[str, Array]) -> dict[str, Array]:
 
 def _verify_points(path: Path, points: Columns, frames: Columns) -> Columns:
     """Points and description of a frame are written together; check that they still belong together."""
+    _verify_columns(path, frames, "n_points")
     same = len(points.sequence) == len(frames.sequence) and all(
         np.array_equal(points[name], frames[name]) for name in ("sequence", "log_time_ns")
     )
@@ -137,8 +138,14 @@ def _verify_points(path: Path, points: Columns, frames: Columns) -> Columns:
 
 def _assign_bodies(path: Path, bodies: Columns, frames: Columns) -> dict[str, Array]:
     """Return which bodies belong to which frame, both ways."""
+    _verify_columns(path, frames, "n_bodies")
     offsets = np.zeros(len(frames.n_bodies) + 1, np.int64)
     np.cumsum(frames.n_bodies, out=offsets[1:])
-    if offsets[-1] != len(bodies.body_id):
+    if offsets[-1] != len(bodies.sequence):
         raise RecordingError(f"{path}: {BODIES} and {FRAME} do not belong together; another program has changed it.")
     return {"offsets": offsets, "frame_index": np.repeat(np.arange(len(frames.n_bodies)), frames.n_bodies)}
+
+
+def _verify_columns(path: Path, frames: Columns, name: str) -> None:
+    if name not in frames or frames[name].dtype.kind != "u" or frames[name].ndim != 1:
+        raise RecordingError(f"{path}: {FRAME} does not say {name} of each frame, so its points cannot be told apart.")

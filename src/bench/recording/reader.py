@@ -24,6 +24,8 @@ from bench.recording.topics import BODIES, FRAME, POINTS, STATS
 
 __all__ = ["Run", "RunStatus", "open_run"]
 
+_DEVICE = "bench.device."
+
 
 @dataclass(frozen=True, slots=True)
 class RunStatus:
@@ -66,6 +68,7 @@ def open_run(path: str | Path) -> Run:
                 hint="`bench import` takes Motive CSV and C3D files.",
             )
         raise RecordingUnfinishedError(f"{path} holds nothing that can be read: {container.problem}.")
+    _drop_broken_notes(container)
     return Run(path, container)
 
 
@@ -140,8 +143,7 @@ class Run:
     @cached_property
     def devices(self) -> list[DeviceInfo]:
         """What each device said of itself."""
-        prefix = "bench.device."
-        return [_read_device(values) for name, values in sorted(self.metadata.items()) if name.startswith(prefix)]
+        return [_read_device(values) for name, values in sorted(self.metadata.items()) if name.startswith(_DEVICE)]
 
     @cached_property
     def totals(self) -> dict[str, RecorderStats]:
@@ -171,6 +173,19 @@ class Run:
             self._loaded |= read_topics(self.path, self._container, missing, frames)
 
 
+def _drop_broken_notes(container: Container) -> None:
+    """Take out what cannot be understood: a metadata record has no checksum of its own."""
+    for name, values in list(container.metadata.items()):
+        try:
+            if name == "bench.end":
+                _read_totals(values)
+            elif name.startswith(_DEVICE):
+                _read_device(values)
+        except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
+            del container.metadata[name]
+            container.damage.append(f"the metadata '{name}' cannot be understood: {error}")
+
+
 def _count_by_topic(container: Container) -> dict[str, int]:
     counts: dict[str, int] = {}
     for chunk in container.chunks:
@@ -198,10 +213,10 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
         topic: RecorderStats(
             host_ns=int(end.get("ended_ns", "0")),
             topic=topic,
-            received=total["received"],
-            written=total["written"],
-            dropped=total["dropped"],
-            missed=total["missed"],
+            received=int(total["received"]),
+            written=int(total["written"]),
+            dropped=int(total["dropped"]),
+            missed=int(total["missed"]),
             queue_high_water=int(end.get("queue_high_water", "0")),
             sync_ms=float(end.get("longest_sync_ms", "nan")),
         )
@@ -211,6 +226,8 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
 
 def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
     names = ("host_ns", "topic", "received", "written", "dropped", "missed", "queue_high_water", "sync_ms")
+    if any(name not in columns for name in names):  # an older definition
+        return {}
     rows = zip(*(columns[name].tolist() for name in names), strict=True)
     return {row[1]: RecorderStats(*row) for row in rows}
 
