@@ -132,7 +132,7 @@ class Cable:
 
     def curvature(self, arc_length_m: npt.ArrayLike) -> PlaceTable:
         """Return the signed curvature (G,), 1/m, at G arc lengths, for any place of the path; positive turns up."""
-        nodal = np.array([_nodal_curvature(shape, self._rod.segment_m) for shape in self._shapes])
+        nodal = np.array([self._rod.curvature(shape) for shape in self._shapes])
         spline = CubicSpline(self._arc_length_m, nodal, axis=1)
         return PlaceTable(spline(np.asarray(arc_length_m, dtype=np.float64)))
 
@@ -162,11 +162,3 @@ def _n_segments(length_m: float, weight_n_per_m: float, stiffness_nm2: float) ->
     tension = 0.6 * weight_n_per_m * length_m  # at the ends of a cable that hangs as the layout has it
     decay_m = math.sqrt(stiffness_nm2 / tension)
     return min(max(FEWEST_SEGMENTS, math.ceil(SEGMENTS_PER_DECAY * length_m / decay_m)), MOST_SEGMENTS)
-
-
-def _nodal_curvature(shape: Shape, h: float) -> Floats:
-    """Change of direction per arc length at the nodes; at the clamps by a parabola through three directions."""
-    angle = shape.angle_rad
-    start = (9.0 * angle[0] - 8.0 * shape.clamps.start_rad - angle[1]) / (3.0 * h)
-    end = (8.0 * shape.clamps.end_rad - 9.0 * angle[-1] + angle[-2]) / (3.0 * h)
-    return np.concatenate([[start], np.diff(angle) / h, [end]])
