@@ -190,6 +190,27 @@ def test_a_slow_disk_loses_nothing_and_never_holds_up_the_devices(
     assert run.totals[ROBOT].dropped == 0
 
 
+class RushingClock(ManualClock):
+    """Every look at it finds a second gone."""
+
+    def now_ns(self) -> int:
+        self.advance_ns(1_000_000_000)
+        return super().now_ns()
+
+
+def test_a_long_queue_does_not_put_off_the_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk = StuckDisk()
+    writer = open_writer(tmp_path / "run.mcap", RushingClock(T0_NS))
+    monkeypatch.setattr("bench.recording.output.os.fdatasync", disk)
+    assert disk.reached.wait(PATIENCE_S)
+    for i in range(5000):
+        writer.put(make_state(i))
+    disk.released.set()
+    stats = open_run(writer.close(exit_status="success", reason=""))[STATS]
+    between = {n for n in stats.received[stats.topic == ROBOT].tolist() if 0 < n < 5000}
+    assert len(between) >= 4
+
+
 def test_records_of_a_file_wait_where_the_queue_is_full(tmp_path: Path) -> None:
     writer = open_writer(tmp_path / "run.mcap", queue_limit=50)
     writer.put_all(make_state(i) for i in range(400))
