@@ -66,7 +66,7 @@ def test_a_users_matplotlibrc_does_not_change_the_report():
         assert cycles_figure(make_results(3)) == usual
 
 
-@pytest.mark.parametrize("n_cycles", [0, 1, 2, 20, 61, 1000, 1001, 10_000])
+@pytest.mark.parametrize("n_cycles", [0, 1, 2, 61, 1001, 10_000])
 def test_every_number_of_cycles_is_drawn_small(n_cycles):
     results = make_results(n_cycles, per_cycle=2)
     for figure in (cycles_figure, completeness_figure):
@@ -109,8 +109,10 @@ def test_the_map_is_a_picture_inside_the_svg():
 
 
 def test_a_map_of_noise_stays_small():
-    noise = np.abs(np.random.default_rng(1).normal(16.7, 5, (100, 2000)))
-    results = make_results(1, bend_map_per_m=noise, arc_length_m=np.linspace(0.05, 1.15, 2000))
+    noise = np.abs(np.random.default_rng(1).normal(16.7, 5, (50, 2000)))
+    results = make_results(
+        1, bend_map_per_m=noise, phase_grid=(np.arange(50) + 0.5) / 50, arc_length_m=np.linspace(0.05, 1.15, 2000)
+    )
     assert len(bend_map_figure(results)) < 1_000_000
 
 

@@ -29,7 +29,7 @@ class Recordings:
     def analyse_run(self, run, config, *, run_path: str):
         self.used.append(config)
         outcome = Outcome[run.name.split("-")[0].upper()] if "-" in run.name else Outcome.PASS
-        return make_results(2, per_cycle=3, run_path=run_path, outcome=outcome)
+        return make_results(2, per_cycle=3, run_path=run_path, outcome=outcome, example=None)
 
 
 @pytest.fixture

@@ -89,7 +89,7 @@ def _draw_limit_contour(axes: Axes, results: Results) -> list[Patch]:
         results.phase_grid, 1e3 * results.arc_length_m, field, levels=[level], colors=LIMIT_LINE, linewidths=1.3
     )
     lines.set_path_effects([withStroke(linewidth=2.6, foreground="#10201f")])
-    lines.set_rasterized(field.size > 100_000)  # a ragged outline of so many cells would be megabytes of path
+    lines.set_rasterized(field.size > 20_000)  # a ragged outline of so many cells would be megabytes of path
     label = f"tighter than the catalogue limit, {limit_mm:g} mm"
     return [Patch(facecolor="none", edgecolor=LIMIT_LINE, linewidth=1.5, label=label)]
 
