@@ -160,8 +160,8 @@ def measure_speed(folder: Path, speed: int) -> Row:
         verdict = "the run says: too fast for this machine"
     else:
         verdict = "kept up" if "Next: bench report" in run.text else "refused by the preflight"
-    counted = run.text.split(" cycles: ")[0].splitlines()[-1] if " cycles: " in run.text else "0"
-    return Row(f"--speed {speed}: cycles counted", counted, f"{speed * 5}", verdict)
+    words = next((line.split() for line in run.text.splitlines() if line.endswith("cycles completed.")), ["0"])
+    return Row(f"--speed {speed}: cycles counted", words[0], f"{speed * 5}", verdict)
 
 
 def score(markers: Path, truth: Path) -> tuple[float, float]:

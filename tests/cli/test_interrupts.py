@@ -36,7 +36,7 @@ def test_ctrl_c_once_stops_after_the_cycle_and_leaves_a_finished_file(tmp_path: 
     out, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 4, err + out
     assert "Traceback" not in err
-    assert "stopped by the operator after" in out
+    assert "Stopped by the operator after" in out
     run = open_run(tmp_path / "a.mcap")
     assert run.status.complete
     kinds = run["/cycle/event"]["kind"].tolist()

@@ -90,7 +90,7 @@ def test_cycle_index_and_phase_agree_with_the_truth(job: Path) -> None:
 def test_capture_times_agree_with_the_truth(job: Path) -> None:
     joined = join_truth(job / "a" / "markers.parquet", job / "truth.parquet")
     error_ns = joined["time_ns"] - joined["time_ns_true"]
-    # At 8 times real time a millisecond of this machine is 8 of the clock's; echoes bound the error by half a round trip.
+    # At 8 times real time a millisecond of this machine is 8 of the clock's.
     assert np.median(np.abs(error_ns)) < 10_000_000
 
 

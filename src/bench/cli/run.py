@@ -61,7 +61,8 @@ def run(
 
 
 def _print_summary(summary: RunSummary) -> None:
-    print(f"{summary.n_completed} of {summary.n_cycles} cycles: {summary.ending.reason}.")
+    reason = summary.ending.reason
+    print(f"{reason[:1].upper()}{reason[1:]}.")
     for text in summary.warnings:
         print(f"warning: {text}")
     if summary.path is None:

@@ -191,7 +191,11 @@ class RunEngine:
     def _end_orderly(self) -> Ending:
         done, wanted = self._progress.n_completed, self._progress.n_cycles
         stopped = done < wanted
-        reason = f"stopped by the operator after {done} of {wanted} cycles" if stopped else f"{done} cycles completed"
+        reason = (
+            f"stopped by the operator after {done} of {wanted} cycles"
+            if stopped
+            else f"{done} of {wanted} cycles completed"
+        )
         self._watcher.disarm()
         self._states.enter(RunState.STOPPING, reason)
         self._program.stop()

@@ -4,27 +4,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import platform
 import uuid
-from contextlib import suppress
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from bench.config import Config
 from bench.drivers.takes import TICKS_PER_S, Take, TakeInfo, read_take
-from bench.errors import BenchError
-from bench.model import DeviceInfo, LogEntry, Severity
+from bench.model import DeviceInfo, LogEntry, Severity, TrackerFrame
 from bench.recording import POINTS, RunWriter
-from bench.timing import Clock, patience_ns
+from bench.run.about import describe_origin, find_versions
+from bench.timing import Clock
 
 __all__ = ["ImportSummary", "import_take"]
 
 MAX_WAITING = 5_000
-"""Frames in the recorder's queue before reading pauses: its limit is 200 000, and an import must not drop any."""
-PAUSE_S = 0.005
-"""Machine time of one pause; the recorder empties its queue every 20 ms."""
+"""Frames in the recorder's queue before reading pauses: a take of any length needs memory for so many."""
 LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d")
 
 
@@ -102,51 +98,41 @@ def import_take(take: Path, config: Config, config_toml: str, output: Path, cloc
         output,
         take_clock,
         config_toml=config_toml,
-        versions={name: version(name) for name in LIBRARIES},
+        versions=find_versions(LIBRARIES),
         run_id=str(uuid.uuid4()),
+        queue_limit=MAX_WAITING,
         extra={
-            "bench.facts": _facts(config),
+            "bench.facts": describe_origin(config) | {"simulated": "false"},
             "bench.import": _describe_import(take, content.info, warnings, imported),
         },
     )
     try:
-        n_frames = _write(writer, take_clock, clock, take.name, content, warnings)
+        n_frames = _write(writer, take_clock, take.name, content, warnings)
         path = writer.close(exit_status="import", reason=f"imported from {take.name}")
     except BaseException:
-        _discard(writer, output)
+        writer.discard()  # the take still has everything
         raise
     return ImportSummary(path, content.info, warnings, n_frames, writer.bytes_written)
 
 
-def _write(
-    writer: RunWriter, take_clock: TakeClock, clock: Clock, name: str, take: Take, warnings: tuple[str, ...]
-) -> int:
+def _write(writer: RunWriter, take_clock: TakeClock, name: str, take: Take, warnings: tuple[str, ...]) -> int:
     """Hand all of the take to the recorder, never faster than it writes; return the number of frames."""
     info = take.info
     writer.add_device(_device_info(name, info))
-    for warning in warnings:
-        writer.put(LogEntry(info.start_ns, Severity.WARN, "tracker", warning))
+    writer.put_all(LogEntry(info.start_ns, Severity.WARN, "tracker", warning) for warning in warnings)
     n_frames, end_ns = 0, info.start_ns
-    for frame in take.frames:
-        while writer.queue_length >= MAX_WAITING and writer.failure is None:
-            clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, PAUSE_S))
-        if writer.failure is not None:
-            raise writer.failure
-        writer.put(frame)
-        n_frames, end_ns = n_frames + 1, frame.capture_ns
+
+    def counted() -> Iterator[TrackerFrame]:
+        nonlocal n_frames, end_ns
+        for frame in take.frames:
+            n_frames, end_ns = n_frames + 1, frame.capture_ns
+            yield frame
+
+    writer.put_all(counted())
     if info.frames_promised is not None and info.frames_promised > n_frames:
         writer.note_missed(POINTS, info.frames_promised - n_frames)
     take_clock.reach(end_ns)
     return n_frames
-
-
-def _discard(writer: RunWriter, output: Path) -> None:
-    """Remove what a failed import wrote: the take still has everything."""
-    with suppress(BenchError):
-        writer.close(exit_status="fail", reason="the import failed").unlink()
-        return
-    with suppress(OSError):
-        output.with_name(output.name + ".active").unlink()
 
 
 def _device_info(name: str, info: TakeInfo) -> DeviceInfo:
@@ -184,18 +170,6 @@ def _describe_import(take: Path, info: TakeInfo, warnings: tuple[str, ...], impo
         "time_origin": info.time_origin,
         "warnings": json.dumps(warnings),
         "imported_utc": imported.isoformat(timespec="seconds"),
-    }
-
-
-def _facts(config: Config) -> dict[str, str]:
-    return {
-        "name": config.run.name,
-        "sample_id": config.run.sample_id,
-        "operator": config.run.operator,
-        "host": platform.node(),
-        "platform": platform.platform(),
-        "python": platform.python_version(),
-        "simulated": "false",
     }
 
 

@@ -49,6 +49,7 @@ def check_bench(
     tracker: FrameTally,
     folder: Path,
     expected_s: float | None,
+    speed: float = 1.0,
 ) -> list[Item]:
     """Check everything a run depends on. The links are open and have streamed for a moment.
 
@@ -56,12 +57,14 @@ def check_bench(
     ----------
     expected_s : float or None
         How long the run will take, where that is known; decides how much disk space is asked for.
+    speed : float
+        Of the run's clock: above 1 it is the machine that a slow stream speaks of.
     """
     return [
         *_check_program(config, program),
         _check_robot_rate(config, robot),
         _check_slider(watcher),
-        _check_tracker_rate(tracker),
+        _check_tracker_rate(tracker, speed),
         _check_markers(config, tracker),
         _check_disk(config, tracker, folder, expected_s),
     ]
@@ -117,15 +120,16 @@ def _check_slider(watcher: CycleWatcher) -> Item:
     return Item("speed slider", "100 %", f"{fraction:.0%}", "ok" if ok else "warn", "" if ok else sentence)
 
 
-def _check_tracker_rate(tracker: FrameTally) -> Item:
+def _check_tracker_rate(tracker: FrameTally, speed: float) -> Item:
     rate, wanted = tracker.rate_hz, tracker.nominal_rate_hz
     limit = SMALLEST_RATE_RATIO * wanted if wanted == wanted else 0.0
     ok = tracker.n_frames > 1 and rate >= limit
-    sentence = (
-        f"The tracker streams {rate:.1f} frames/s instead of {wanted:g}: check its network and its camera rate."
-        if tracker.n_frames > 1
-        else "The tracker answers but streams no frames: is Motive in live mode, with streaming enabled?"
-    )
+    if tracker.n_frames <= 1:
+        sentence = "The tracker answers but streams no frames: is Motive in live mode, with streaming enabled?"
+    elif speed != 1.0:
+        sentence = f"This machine cannot keep up with --speed {speed:g}: {rate:.1f} of {wanted:g} frames/s; use less."
+    else:
+        sentence = f"The tracker streams {rate:.1f} of {wanted:g} frames/s: check its network and its camera rate."
     return Item("tracker rate", f">= {limit:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
 
 

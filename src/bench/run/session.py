@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 import signal
 import threading
 import uuid
@@ -10,13 +9,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 
 from bench.config import Config, to_toml
 from bench.errors import ConfigError
 from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity
 from bench.recording import RunWriter
+from bench.run.about import describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
@@ -251,28 +250,21 @@ def _start_simulator(config: Config, clock: RunClock, truth: Path | None, closin
 
 def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None) -> list[Item]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
-    return check_bench(config, links.program, links.watcher, links.robot_tally, links.frame_tally, folder, expected_s)
+    return check_bench(
+        config, links.program, links.watcher, links.robot_tally, links.frame_tally, folder, expected_s, clock.speed
+    )
 
 
 def _open_writer(config: Config, path: Path, clock: RunClock, inbox: Inbox) -> RunWriter:
     run_id = str(uuid.uuid4())
-    facts = {
-        "name": config.run.name,
-        "sample_id": config.run.sample_id,
-        "operator": config.run.operator,
-        "host": platform.node(),
-        "platform": platform.platform(),
-        "python": platform.python_version(),
-        "clock": clock.to_text(),
-        "simulated": str(config.simulation is not None).lower(),
-    }
+    facts = {"clock": clock.to_text(), "simulated": str(config.simulation is not None).lower()}
     return RunWriter(
         path,
         clock,
         config_toml=to_toml(config),
-        versions={name: version(name) for name in LIBRARIES},
+        versions=find_versions(LIBRARIES),
         run_id=run_id,
-        extra={"bench.facts": facts},
+        extra={"bench.facts": describe_origin(config) | facts},
         on_failure=lambda error: inbox.put(Fault(error)),
     )
 

@@ -70,7 +70,7 @@ class RunView:
         if self._live:
             self._live.update(_draw(progress, writer, links, clock), refresh=True)
         else:
-            line = f"{_cycle_line(progress)}, {_time_left(progress, clock)}; {_losses(writer)}"
+            line = f"cycle {_cycle_line(progress)}; time left {_time_left(progress, clock)}; {_losses(writer)}"
             self._console.print(line, highlight=False, soft_wrap=True)
 
 
@@ -93,17 +93,17 @@ def _cycle_line(progress: RunProgress) -> str:
     running = progress.cycle_started_ns >= 0
     current = min(progress.n_completed + 1, progress.n_cycles) if running else progress.n_completed
     state = "running" if running else "done"
-    return f"cycle {current} of {progress.n_cycles} {state}"
+    return f"{current} of {progress.n_cycles} {state}"
 
 
 def _time_left(progress: RunProgress, clock: RunClock) -> str:
     if not progress.cycle_durations_ns:
-        return "time left unknown before the first cycle ends"
+        return "known after the first cycle"
     recent = statistics.median(progress.cycle_durations_ns[-RECENT_CYCLES:])
     seconds = (progress.n_cycles - progress.n_completed) * recent / patience_ns(clock, 1.0)
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)
-    return f"{hours:d}:{minutes:02d}:{rest:02d} left"
+    return f"{hours:d}:{minutes:02d}:{rest:02d}"
 
 
 def _losses(writer: RunWriter) -> str:

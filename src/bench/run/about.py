@@ -1,0 +1,27 @@
+"""What a run file says of where it comes from: metadata ``bench.facts`` and the versions of what made it."""
+
+from __future__ import annotations
+
+import platform
+from collections.abc import Iterable
+from importlib.metadata import version
+
+from bench.config import Config
+
+__all__ = ["describe_origin", "find_versions"]
+
+
+def describe_origin(config: Config) -> dict[str, str]:
+    """Return who ran what, and on which machine."""
+    return {
+        "name": config.run.name,
+        "sample_id": config.run.sample_id,
+        "operator": config.run.operator,
+        "platform": platform.platform(),
+        "python": platform.python_version(),
+    }
+
+
+def find_versions(libraries: Iterable[str]) -> dict[str, str]:
+    """Return the installed version of each distribution."""
+    return {name: version(name) for name in libraries}

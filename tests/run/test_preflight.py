@@ -1,0 +1,136 @@
+"""Every preflight item, passing and failing, without a device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bench.config import simulated_config
+from bench.errors import DeviceStateError, PreflightError
+from bench.model import RobotState, StampKind, TrackerFrame
+from bench.run.preflight import check_bench, predict_bytes_per_s, verify_items
+from bench.run.tally import FrameTally, RobotTally
+from bench.run.watcher import CycleWatcher
+
+
+class FakeProgram:
+    def __init__(self, reasons: list[str] | None = None, missing: bool = False) -> None:
+        self.reasons, self.missing = reasons or [], missing
+
+    def open(self) -> None: ...
+
+    def check(self, program: str) -> list[str]:
+        return self.reasons
+
+    def load(self, program: str) -> None:
+        if self.missing:
+            raise DeviceStateError(f"The controller has no program '{program}'.")
+
+    def play(self) -> None: ...
+
+    def stop(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def make_state(i: int, rate_hz: float = 125.0, speed_fraction: float = 1.0) -> RobotState:
+    time_s = 61.25 + i / rate_hz
+    return RobotState(i, i, i, 0, time_s, speed_fraction=speed_fraction)
+
+
+def make_frame(i: int, n_unlabeled: int = 11, rate_hz: float = 100.0) -> TrackerFrame:
+    ns = round(i * 1e9 / rate_hz)
+    flags = np.full(n_unlabeled, 0x12, dtype=np.uint32)
+    points = np.zeros((n_unlabeled, 3), dtype=np.float32)
+    return TrackerFrame(ns, ns, i, i, StampKind.MID_EXPOSURE, points, flags, flags, points[:, 0])
+
+
+def check(
+    tmp_path: Path,
+    program: FakeProgram | None = None,
+    robot_rate_hz: float = 125.0,
+    tracker_rate_hz: float = 100.0,
+    n_unlabeled: int = 11,
+    n_frames: int = 100,
+    slider: float = 1.0,
+    expected_s: float | None = 40.0,
+    speed: float = 1.0,
+) -> dict[str, tuple[str, str]]:
+    robot, tracker = RobotTally(), FrameTally()
+    watcher = CycleWatcher(lambda _event: None, lambda _record: None)
+    tracker.nominal_rate_hz = 100.0
+    for i in range(125):
+        state = make_state(i, robot_rate_hz, slider)
+        robot.update(state)
+        watcher.update(state)
+    for i in range(n_frames):
+        tracker.update(make_frame(i, n_unlabeled, tracker_rate_hz))
+    items = check_bench(
+        simulated_config(), program or FakeProgram(), watcher, robot, tracker, tmp_path, expected_s, speed
+    )
+    failed = [item for item in items if item.verdict == "fail"]
+    if failed:
+        with pytest.raises(PreflightError) as caught:
+            verify_items(items)
+        assert len(caught.value.failures) == len(failed)
+        assert caught.value.exit_code == failed[0].exit_code
+    else:
+        verify_items(items)
+    return {item.name: (item.verdict, item.sentence) for item in items}
+
+
+def test_a_bench_that_is_ready_passes_every_item(tmp_path: Path) -> None:
+    verdicts = {name: verdict for name, (verdict, _) in check(tmp_path).items()}
+    assert set(verdicts.values()) == {"ok"}
+    assert len(verdicts) == 7
+
+
+def test_every_failure_is_reported_at_once(tmp_path: Path) -> None:
+    items = check(tmp_path, FakeProgram(["The robot is in local mode."]), robot_rate_hz=100.0, n_unlabeled=0)
+    assert [name for name, (verdict, _) in items.items() if verdict == "fail"] == [
+        "robot ready",
+        "robot rate",
+        "markers",
+    ]
+
+
+def test_a_program_that_the_controller_does_not_have_fails(tmp_path: Path) -> None:
+    assert check(tmp_path, FakeProgram(missing=True))["program loaded"][1] == (
+        "The controller has no program 'bend_test.urp'."
+    )
+
+
+def test_a_slider_below_full_is_a_warning(tmp_path: Path) -> None:
+    verdict, sentence = check(tmp_path, slider=0.5)["speed slider"]
+    assert verdict == "warn"
+    assert "50%" in sentence
+
+
+def test_a_hidden_marker_is_a_warning_and_no_marker_a_failure(tmp_path: Path) -> None:
+    assert check(tmp_path, n_unlabeled=9)["markers"][0] == "warn"
+    verdict, sentence = check(tmp_path, n_unlabeled=0)["markers"]
+    assert verdict == "fail"
+    assert "no markers" in sentence
+
+
+def test_a_tracker_without_frames_is_told_from_a_slow_one(tmp_path: Path) -> None:
+    assert "streams no frames" in check(tmp_path, n_frames=0)["tracker rate"][1]
+    assert "50.0 of 100" in check(tmp_path, tracker_rate_hz=50.0)["tracker rate"][1]
+
+
+def test_at_a_scaled_clock_a_slow_stream_speaks_of_the_machine(tmp_path: Path) -> None:
+    assert "--speed 100" in check(tmp_path, tracker_rate_hz=50.0, speed=100.0)["tracker rate"][1]
+
+
+def test_a_disk_that_cannot_hold_the_run_fails(tmp_path: Path) -> None:
+    verdict, sentence = check(tmp_path, expected_s=1e12)["disk space"]
+    assert verdict == "fail"
+    assert "MB free" in sentence
+
+
+def test_the_predicted_size_is_the_right_order_of_magnitude() -> None:
+    # 1000 cycles of 2.03 s with 11 points gave 110 MB on the simulated bench: 54 kB/s of robot and tracker time
+    predicted = predict_bytes_per_s(simulated_config(), 100.0, 11)
+    assert 54e3 < predicted < 160e3
