@@ -22,10 +22,12 @@ from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_f
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
 
-__all__ = ["PHASE_BINS", "analyse_run"]
+__all__ = ["analyse_run"]
 
-PHASE_BINS = 100
-"""Bins of the bend-radius map: 20 ms of a 2 s cycle, two frames of each cycle at 100 Hz."""
+MOST_PHASE_BINS = 100
+"""Bins of the bend-radius map: 20 ms of a 2 s cycle."""
+FRAMES_PER_BIN = 2
+"""Of each cycle, so that no bin stays empty when frames and cycles keep step: fewer bins for short cycles."""
 LOW_COMPLETE_FRACTION = 0.9
 """Below this the reader is told: with nothing hidden a chain finds every marker."""
 
@@ -65,7 +67,8 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
-    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, PHASE_BINS)
+    n_bins = _count_phase_bins(cycles.n_frames)
+    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, n_bins)
     return Results(
         run_path=PurePath(run_path or run.path).name,
         config=config,
@@ -81,15 +84,20 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         marker_arc_length_m=traced.marker_arc_length_m,
         frames=_frame_columns(frames, placed, traced),
         cycles=cycles,
-        phase_grid=(np.arange(PHASE_BINS) + 0.5) / PHASE_BINS,
+        phase_grid=(np.arange(n_bins) + 0.5) / n_bins,
         bend_map_per_m=bend_map,
-        example=_choose_example(frames, placed, traced, bend_map),
+        example=_choose_example(frames, placed, traced, bend_map, _find_up_axis(run)),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
         warnings=[*start.warnings, *_warn(run, frames, traced, end.exit_status)],
         analysis_s=time.perf_counter() - begin,
     )
+
+
+def _count_phase_bins(n_frames: npt.NDArray[np.int64]) -> int:
+    usual = int(np.median(n_frames)) if len(n_frames) else 0
+    return min(max(usual // FRAMES_PER_BIN, 1), MOST_PHASE_BINS)
 
 
 def _count_gaps(frames: TrackerFrames, robot: RobotSamples | None) -> dict[str, int]:
@@ -111,8 +119,14 @@ def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCa
     )
 
 
+def _find_up_axis(run: Run) -> int:
+    """Return the lab frame's vertical axis as the tracker names it; y where it does not say."""
+    named = [device.detail.get("up_axis", "") for device in run.devices]
+    return next(("xyz".index(name) for name in named if name in ("x", "y", "z")), 1)
+
+
 def _choose_example(
-    frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable, bend_map: Floats
+    frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable, bend_map: Floats, up_axis: int
 ) -> ExampleFrame | None:
     """Choose a complete frame near the phase of the largest curvature, from the middle one of the good cycles."""
     candidates = np.flatnonzero(traced.complete & traced.trusted & (placed.row >= 0))
@@ -135,6 +149,7 @@ def _choose_example(
         curve_m=interpolate_curve(position, traced.marker_arc_length_m, traced.arc_length_m),
         curvature_per_m=traced.curve.curvature_per_m[frame],
         sigma_per_m=traced.curve.sigma_per_m[frame],
+        up_axis=up_axis,
     )
 
 

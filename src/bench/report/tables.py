@@ -17,6 +17,8 @@ import pyarrow.parquet as pq
 
 from bench.errors import DiskFullError, RecordingError, RecordingExistsError
 from bench.model import Verdict
+from bench.recording import rename_new
+from bench.report.headline import find_tightest_bend
 from bench.report.results import Results
 
 __all__ = ["TABLE_FILES", "verify_folder_is_free", "write_summary", "write_tables"]
@@ -82,7 +84,7 @@ def _write_then_rename(path: Path, write: Callable[[Path], None]) -> None:
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         write(partial)
-        os.link(partial, path)  # unlike a rename, a link never replaces a file that appeared meanwhile
+        rename_new(partial, path)
     except FileExistsError as error:
         raise RecordingExistsError(f"{path} appeared while it was written.", hint="Give another folder.") from error
     finally:
@@ -118,7 +120,7 @@ def _markers(results: Results, rows: slice) -> dict[str, Any]:
     frames = results.frames
     return _keys(results, rows) | {
         "source": _lists(frames.source[rows]),
-        "position_m": _lists(frames.position_m.reshape(len(frames.position_m), -1)[rows]),
+        "position_m": _lists(frames.position_m.reshape(len(frames.position_m), 3 * frames.source.shape[1])[rows]),
         "confidence": pa.array(frames.confidence[rows]),
     }
 
@@ -175,8 +177,8 @@ def _is_float_list(kind: Any) -> bool:
 
 def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
-    peak = cycles.max_curvature_per_m
-    row = int(np.where(np.isfinite(peak), peak, -1.0).argmax()) if np.isfinite(peak).any() else -1
+    bend = find_tightest_bend(results)
+    row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
     summary: dict[str, Any] = _jsonable(
         {
             "run": results.run_path,
@@ -190,7 +192,7 @@ def _summary(results: Results) -> dict[str, Any]:
             "complete_fraction": (frames.source >= 0).all(axis=1).mean() if len(frames.source) else math.nan,
             "minimum_bend_radius_limit_mm": results.config.cable.minimum_bend_radius_mm,
             "min_bend_radius_mm": cycles.min_bend_radius_mm[row] if row >= 0 else math.nan,
-            "max_curvature_per_m": peak[row] if row >= 0 else math.nan,
+            "max_curvature_per_m": cycles.max_curvature_per_m[row] if row >= 0 else math.nan,
             "max_curvature_sigma_per_m": cycles.max_curvature_sigma_per_m[row] if row >= 0 else math.nan,
             "max_curvature_arc_length_m": cycles.max_curvature_arc_length_m[row] if row >= 0 else math.nan,
             "max_curvature_cycle_index": cycles.cycle_index[row] if row >= 0 else None,
