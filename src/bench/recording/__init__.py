@@ -1,6 +1,7 @@
 """The run file: written while the test runs, read as numpy columns afterwards."""
 
 from bench.recording.columns import Columns
+from bench.recording.output import rename_new
 from bench.recording.reader import Run, RunStatus, open_run
 from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS
 from bench.recording.writer import RunWriter
@@ -20,4 +21,5 @@ __all__ = [
     "RunStatus",
     "RunWriter",
     "open_run",
+    "rename_new",
 ]

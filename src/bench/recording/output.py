@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 
-__all__ = ["OutputFile", "active_path", "explain_os_error"]
+__all__ = ["OutputFile", "active_path", "explain_os_error", "rename_new"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -104,24 +104,24 @@ class OutputFile:
         """
         self.stream.close()
         try:
-            os.link(self.active, self.path)
+            rename_new(self.active, self.path)
         except FileExistsError as error:
             raise _taken(self.path, f"The recording is complete in {self.active}.") from error
-        except OSError as error:
-            if error.errno not in {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}:
-                raise
-            self._rename_without_links()
-        else:
-            self.active.unlink()
         self.sync_folder()
 
-    def _rename_without_links(self) -> None:
-        """Take the name first, for file systems that have no hard links (exFAT, some network shares)."""
-        try:
-            self.path.open("xb").close()
-        except FileExistsError as error:
-            raise _taken(self.path, f"The recording is complete in {self.active}.") from error
-        self.active.replace(self.path)
+
+def rename_new(source: Path, target: Path) -> None:
+    """Rename a file without ever replacing another, as `os.rename` would; `FileExistsError` if the name is taken."""
+    try:
+        os.link(source, target)
+    except OSError as error:
+        if error.errno not in {errno.EPERM, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}:
+            raise
+        # file systems without hard links (exFAT, some network shares): take the name first, then replace it
+        target.open("xb").close()
+        source.replace(target)
+    else:
+        source.unlink()
 
 
 def _make_folder(path: Path) -> None:

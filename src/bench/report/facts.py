@@ -45,7 +45,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Run": config.run.name,
         "Sample": config.run.sample_id,
         "Operator": config.run.operator,
-        "Started": recorded.get("started_utc", ""),
+        "Started": _start(recorded.get("started_utc", "")),
         "Duration": _duration(frames),
         "Cycles": str(len(cycles.cycle_index)),
         "Frames": f"{len(frames)}",
@@ -60,6 +60,10 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
             word for word in (device.kind, device.version, f"at {device.address}" if device.address else "") if word
         )
     return {name: text for name, text in facts.items() if text}
+
+
+def _start(utc: str) -> str:
+    return "" if utc.startswith("1970") else utc  # a take that does not say when it began
 
 
 def _duration(frames: TrackerFrames) -> str:

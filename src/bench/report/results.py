@@ -100,6 +100,8 @@ class ExampleFrame:
     """(G, 3): the interpolated cable at `Results.arc_length_m`."""
     curvature_per_m: Floats32
     sigma_per_m: Floats32
+    up_axis: int = 1
+    """Which axis of the lab frame points up: 1, y, as Motive has it by default, unless the tracker says otherwise."""
 
 
 @dataclass(frozen=True, eq=False)

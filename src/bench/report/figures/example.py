@@ -98,21 +98,20 @@ def _drop_across_labels(*upper: Axes) -> None:
 
 
 def _view(example: ExampleFrame) -> _View:
-    """Choose the neighbourhood of the cable, and the two axis planes that show most of it."""
+    """Choose the neighbourhood of the cable, seen from the front and from above."""
     cable_mm = 1e3 * np.concatenate([example.position_m.astype(float), example.curve_m])
     cable_mm = cable_mm[np.isfinite(cable_mm).all(axis=1)]
     low, high = cable_mm.min(axis=0), cable_mm.max(axis=0)
     largest = max(float((high - low).max()), 1.0)
     margin = np.maximum(0.10 * largest, (0.30 * largest - (high - low)) / 2)
     low, high = low - margin, high + margin
-    return _View(low, high, _planes(high - low))
+    return _View(low, high, _planes(high - low, example.up_axis))
 
 
-def _planes(extent: Floats) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return the longest axis across, against each of the other two, the larger first."""
-    order = np.argsort(-extent, kind="stable")
-    across, first, second = (int(axis) for axis in order)
-    return (across, first), (across, second)
+def _planes(extent: Floats, up: int) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Return the front view and below it the top view, seen across the longer horizontal axis."""
+    across, deep = sorted((axis for axis in range(3) if axis != up), key=lambda axis: -extent[axis])
+    return (across, up), (across, deep)
 
 
 def _frame_projection(axes: Axes, view: _View, plane: tuple[int, int]) -> None:
