@@ -123,6 +123,20 @@ def test_without_an_anchor_unequal_spacings_tell_the_chain(seed: int) -> None:
     assert np.array_equal(found.source, scene.source)
 
 
+@given(SEEDS)
+@settings(max_examples=10, deadline=None)
+def test_equal_spacings_without_an_anchor_give_one_direction_to_all_frames(seed: int) -> None:
+    markers = swing_cable(20)
+    markers[7, 3] = np.nan
+    scene = make_scene(np.random.default_rng(seed), markers, noise_m=1e-4)
+    found = sort_by_chain(scene.points_m, scene.offsets, scene.usable, None, CABLE).source
+    assert np.all(found[7] == -1)
+    others = np.delete(np.arange(20), 7)
+    assert np.array_equal(found[others], scene.source[others]) or np.array_equal(
+        found[others], scene.source[others, ::-1]
+    )
+
+
 def test_positions_are_those_of_the_named_points() -> None:
     scene = make_scene(np.random.default_rng(3), swing_cable(9), miss_probability=0.2)
     position = gather_positions(scene.points_m, scene.offsets, scene.source)

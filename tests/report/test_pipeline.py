@@ -234,6 +234,17 @@ def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_p
     assert results.cycles.max_curvature_per_m == pytest.approx(clean.cycles.max_curvature_per_m, rel=0.02)
 
 
+def test_a_cable_without_an_anchor_says_that_its_direction_is_unknown(tmp_path: Path) -> None:
+    def without_pole(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        pole = np.linalg.norm(values["points_m"], axis=1) < 0.01
+        return values | {name: values[name][~pole] for name in ("points_m", "ids", "flags", "residual_m")}
+
+    results, _ = analyse(tmp_path, RunSpec(anchor='kind = "none"', change_points=without_pole))
+    assert results.outcome is Outcome.PASS
+    assert np.all(results.frames.source >= 0)
+    assert any("may count from the other end" in warning for warning in results.warnings)
+
+
 def test_another_configuration_changes_the_analysis_and_not_the_recording(tmp_path: Path) -> None:
     write_run(tmp_path / "run.mcap", RunSpec())
     run = open_run(tmp_path / "run.mcap")

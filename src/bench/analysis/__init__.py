@@ -9,6 +9,7 @@ from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, m
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.phase import phase_from_register, phase_from_time
@@ -47,6 +48,7 @@ __all__ = [
     "get_estimator",
     "get_sorter",
     "interpolate_curve",
+    "is_symmetric",
     "judge_cycles",
     "locate_static_marker",
     "make_gates",

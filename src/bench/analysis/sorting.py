@@ -10,16 +10,15 @@ from typing import Protocol
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints, chunks, pad_points
-from bench.analysis.chain import Chains, follow_chain
-from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.chain import follow_chain
+from bench.analysis.free_chain import FREE_CHAIN_CHUNK, follow_from_every_point, is_symmetric, orient_alike
+from bench.analysis.gates import SortSettings, make_gates
 from bench.errors import AnalysisError
 
 __all__ = ["SORTERS", "SortedMarkers", "Sorter", "gather_positions", "get_sorter", "sort_by_chain"]
 
 AMBIGUITY_COST = 0.5
 """An ambiguous step counts as half a marker: of two candidates in the gate, one is right."""
-FREE_CHAIN_CHUNK = 200
-"""Frames at once when every point is tried as the first marker: rows are frames times points."""
 MOST_POINTS = np.iinfo(np.int16).max
 
 
@@ -51,7 +50,9 @@ def sort_by_chain(
     """Sort by the paper's greedy chain (section 3.2), each frame by itself.
 
     Without an anchor each usable point is tried as marker 0; the longest chain wins, and of equally long ones the one
-    whose spacings are nearest to the predefined ones. The direction is told by unequal spacings only.
+    whose spacings are nearest to the predefined ones. Which end is first is told by unequal spacings only: where they
+    are the same from both ends, all frames get the direction of the first, and frames with a marker hidden stay
+    unsorted, for nothing tells which one is.
 
     Parameters
     ----------
@@ -82,9 +83,12 @@ def sort_by_chain(
         if anchor_m is not None:
             found = follow_chain(position, free, anchor_m[start:stop], gates)
         else:
-            found = _follow_from_every_point(position, free, gates)
+            found = follow_from_every_point(position, free, gates)
         source[start:stop] = found.slot
         confidence[start:stop] = (found.n_found - AMBIGUITY_COST * found.n_ambiguous) / settings.n_markers
+    if anchor_m is None and is_symmetric(gates):
+        source = orient_alike(source, gather_positions(points_m, offsets, source))
+        confidence[(source < 0).all(axis=1)] = 0.0
     return SortedMarkers(source, gather_positions(points_m, offsets, source), np.maximum(confidence, 0.0))
 
 
@@ -94,24 +98,6 @@ def gather_positions(points_m: Floats32, offsets: Ints, source: Indices) -> Floa
     found = source >= 0
     position[found] = points_m[(offsets[:-1, None] + source)[found]]
     return position
-
-
-def _follow_from_every_point(position: Floats, free: Bools, gates: SpacingGates) -> Chains:
-    """Try every free point as marker 0 and keep each frame's best chain."""
-    n_frames, n_points = free.shape
-    first = np.tile(np.arange(n_points), n_frames)
-    frame = np.repeat(np.arange(n_frames), n_points)
-    others = free[frame]
-    started = others[np.arange(len(first)), first]
-    others[np.arange(len(first)), first] = False
-    start = np.where(started[:, None], position[frame, first], np.nan)
-    tried = follow_chain(position[frame], others, start, gates, first_marker=1)
-    tried.slot[:, 0] = np.where(started, first, -1)
-    length = np.where(started, tried.n_found + 1, 0).reshape(free.shape)
-    error = (tried.spacing_error / np.maximum(tried.n_found, 1)).reshape(free.shape)
-    longest = length == length.max(axis=1, keepdims=True)
-    best = np.where(longest, error, np.inf).argmin(axis=1) + np.arange(n_frames) * n_points
-    return Chains(tried.slot[best], length.ravel()[best], tried.n_ambiguous[best], tried.spacing_error[best])
 
 
 SORTERS: Mapping[str, Sorter] = MappingProxyType({"paper": sort_by_chain})

@@ -16,7 +16,9 @@ from bench.analysis import (
     centre_of_labeled,
     exclude_near,
     find_static_marker,
+    is_symmetric,
     locate_static_marker,
+    make_gates,
     match_body,
     spread_frames,
 )
@@ -81,7 +83,7 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
     elif anchor.kind == "static_marker":
         _set_static_anchor(start, frames, config, table)
     else:
-        start.facts["Anchor"] = "none: the chain is found by its spacings"
+        _go_without_anchor(start, config)
     start.warnings.extend(bodies.warnings)
     return start
 
@@ -202,6 +204,15 @@ def _describe_static(start: ChainStart, marker: StaticMarker, cable: CableConfig
     start.facts["Anchor"] = f"static marker at ({place}) m, {how}, seen in {marker.presence:.0%} of the scanned frames"
     if marker.presence < LOW_PRESENCE:
         start.warnings.append(f"The static marker at ({place}) m is seen in only {marker.presence:.0%} of the frames.")
+
+
+def _go_without_anchor(start: ChainStart, config: Config) -> None:
+    start.facts["Anchor"] = "none: the chain is found by its spacings"
+    if is_symmetric(make_gates(make_sort_settings(config))):
+        start.warnings.append(
+            "Without an anchor, spacings that are the same from both ends do not tell which end is first: arc lengths "
+            "may count from the other end, and frames with a hidden marker are not sorted."
+        )
 
 
 def _locate(
