@@ -29,8 +29,8 @@ def config_or_simulated(path: Path | None) -> Config:
 
 
 def run(
+    cycles: Annotated[int, typer.Option("--cycles", min=1, help="How many cycles to run.")],
     config: ConfigArgument = None,
-    cycles: Annotated[int, typer.Option("--cycles", min=1, help="How many cycles to run.")] = 0,
     output: Annotated[
         Path | None, typer.Option("--output", help="Run file; left out: OUTPUT_DIR/NAME-TIME.mcap. Never overwritten.")
     ] = None,
@@ -41,8 +41,6 @@ def run(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen; touch nothing.")] = False,
 ) -> None:
     """Preflight, drive N cycles, record, stop. Ctrl-C once: stop after this cycle. Twice: abort now."""
-    if cycles < 1:
-        raise typer.BadParameter("how many cycles? Give --cycles N, with N at least 1.", param_hint="--cycles")
     settings = config_or_simulated(config)
     from rich.console import Console
 
