@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterable
-from importlib.metadata import version
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 
 from bench.config import Config
 
@@ -23,5 +24,9 @@ def describe_origin(config: Config) -> dict[str, str]:
 
 
 def find_versions(libraries: Iterable[str]) -> dict[str, str]:
-    """Return the installed version of each distribution."""
-    return {name: version(name) for name in libraries}
+    """Return the version of each distribution; what is not installed took no part."""
+    versions = {}
+    for name in libraries:
+        with suppress(PackageNotFoundError):
+            versions[name] = version(name)
+    return versions

@@ -1,7 +1,7 @@
 """Load, play and stop the robot's own program, by the dashboard server of a UR controller.
 
-ur_rtde's dashboard client does the talking (it refuses wrong replies and has time limits); it is imported here only,
-and late, so that everything but driving a robot works where it is not installed.
+ur_rtde's dashboard client does the talking (it refuses wrong replies and has time limits); it is imported here only.
+Where it has no build (Python 3.13 and newer, other systems than Linux) a plain socket of our own speaks the same lines.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from contextlib import suppress
 from typing import Any
 
 from bench.config import RobotConfig
+from bench.drivers.robot.ur.dashboard_line import LineDashboard
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
 from bench.timing import Clock, patience_ns
 
@@ -72,8 +73,6 @@ class UrDashboardProgram:
         ------
         ConnectError
             The controller has no dashboard server that answers.
-        DeviceError
-            ur_rtde is not installed.
         """
         with self._lock:
             self._connect()
@@ -89,15 +88,8 @@ class UrDashboardProgram:
             self.version = tuple(int(part) for part in re.findall(r"\d+", str(text))[:4])
 
     def _connect(self) -> None:
-        try:
-            from dashboard_client import DashboardClient
-        except ImportError as error:
-            raise DeviceError(
-                "The package ur-rtde, which controls the robot's program, is not installed here.",
-                hint="Run the bench on Linux, or install it with: pip install ur-rtde.",
-            ) from error
         self._disconnect()
-        client = DashboardClient(self._host)
+        client = _make_client(self._host)
         try:
             client.connect(CONNECT_TIMEOUT_MS)
         except Exception as error:
@@ -253,6 +245,14 @@ class UrDashboardProgram:
             f"The dashboard server of {self._peer} did not take '{command}': {_as_clause(said)}.",
             hint="Check the robot and its network cable.",
         )
+
+
+def _make_client(host: str) -> Any:
+    try:
+        from dashboard_client import DashboardClient
+    except ImportError:
+        return LineDashboard(host)
+    return DashboardClient(host)
 
 
 def _after_colon(reply: object) -> str:
