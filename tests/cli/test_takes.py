@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -107,7 +108,9 @@ def test_misses_and_ghosts_cost_the_papers_method_frames_but_no_count(tmp_path: 
     process = bench("run", config, "--cycles", "8", "--speed", "8", "--output", run, "--truth", truth)
     assert process.returncode == 0, process.stderr
     report = bench("report", run, "--output", tmp_path / "a")
-    assert report.returncode in (0, 1), report.stderr
+    # A wrong label is a kink of a few millimetres; it comes and goes, and does not enter the figures.
+    assert report.returncode == 0, report.stderr + report.stdout
+    assert json.loads((tmp_path / "a" / "summary.json").read_text())["min_bend_radius_mm"] > 120.0
     score = score_sorting(tmp_path / "a" / "markers.parquet", truth)
     # A chain that stops at a gap is exact only where nothing is hidden (0.95^10 = 60 %) or the last markers are.
     assert 0.5 < score.exact < 0.75

@@ -12,8 +12,10 @@ from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
+from bench.analysis.sources import CycleFollower, CycleSource, RobotSigns, count_cycles, make_cycle_source
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 
 __all__ = [
@@ -26,9 +28,12 @@ __all__ = [
     "CurveEstimate",
     "CurveEstimator",
     "CycleBends",
+    "CycleFollower",
+    "CycleSource",
     "CycleTable",
     "CycleVerdicts",
     "Gaps",
+    "RobotSigns",
     "SegmentClock",
     "SortSettings",
     "SortedMarkers",
@@ -38,9 +43,11 @@ __all__ = [
     "align_by_arrival",
     "align_by_echo",
     "centre_of_labeled",
+    "count_cycles",
     "exclude_near",
     "find_cycles",
     "find_gaps",
+    "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
     "fit_spline",
@@ -51,6 +58,7 @@ __all__ = [
     "is_symmetric",
     "judge_cycles",
     "locate_static_marker",
+    "make_cycle_source",
     "make_gates",
     "map_by_phase",
     "match_body",

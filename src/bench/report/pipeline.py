@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, map_by_phase
+from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, make_cycle_source, map_by_phase
 from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
@@ -59,7 +59,8 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     begin = time.perf_counter()
     config = config or run.config
     load_topics(run)
-    frames, robot = read_frames(run), read_robot(run)
+    source = make_cycle_source(config.robot.cycle) if config.robot else None
+    frames, robot = read_frames(run), read_robot(run, source)
     placed = place_frames(frames, robot, config.analysis)
     start = find_chain_start(run, frames, config, placed.table)
     traced = trace_cable(frames, start, config)
@@ -174,7 +175,14 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
             f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius, which cannot be: "
             "a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be wrong unseen."
         )
-    doubtful = int((traced.complete & ~traced.trusted & ~traced.impossible).sum())
+    if traced.isolated.any():
+        tightest = 1e3 / float(np.nanmax(traced.curve.curvature_per_m[traced.isolated]))
+        warnings.append(
+            f"{int(traced.isolated.sum())} of {len(frames)} frames have a bend that is gone a moment later, down to "
+            f"{tightest:.1f} mm: a marker is wrongly sorted in them, or the cable jumped. "
+            "They do not enter the cycles' figures."
+        )
+    doubtful = int((traced.complete & ~traced.trusted & ~traced.impossible & ~traced.isolated).sum())
     if doubtful:
         warnings.append(
             f"{doubtful} of {len(frames)} frames are complete but doubtful (confidence below {TRUSTED_CONFIDENCE}): "

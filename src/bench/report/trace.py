@@ -7,7 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import TRUSTED_CONFIDENCE, CurveEstimate, SortedMarkers, find_tighter, get_estimator, get_sorter
+from bench.analysis import (
+    TRUSTED_CONFIDENCE,
+    CurveEstimate,
+    SortedMarkers,
+    find_isolated_bends,
+    find_tighter,
+    get_estimator,
+    get_sorter,
+)
 from bench.config import Config
 from bench.report.markers import ChainStart, make_sort_settings
 from bench.report.source import TrackerFrames
@@ -31,9 +39,11 @@ class TracedCable:
     complete: Bools
     """(F,): every marker was found."""
     trusted: Bools
-    """(F,): the frame may enter the figures: confident enough, and not impossible."""
+    """(F,): the frame may enter the figures: confident enough, not impossible, not isolated."""
     impossible: Bools
     """(F,): bent tighter than the cable's own radius somewhere, so wrongly sorted."""
+    isolated: Bools
+    """(F,): bent far tighter than just before and after, so probably wrongly sorted."""
     arc_length_m: Floats
     """(G,)"""
     marker_arc_length_m: Floats
@@ -50,15 +60,17 @@ def trace_cable(frames: TrackerFrames, start: ChainStart, config: Config) -> Tra
     markers = sort_markers(frames.points_m, frames.offsets, start.usable, start.anchor_m, settings)
     curve = estimate_curve(markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3)
     impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm)
-    confident = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool)
+    plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
+    isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, frames.time_ns)
     return TracedCable(
         sorting=sorting,
         curvature=curvature,
         markers=markers,
         curve=curve,
         complete=np.asarray((markers.source >= 0).all(axis=1), dtype=bool),
-        trusted=confident & ~impossible,
+        trusted=plausible & ~isolated,
         impossible=impossible,
+        isolated=isolated,
         arc_length_m=places,
         marker_arc_length_m=marker_places,
     )
