@@ -174,6 +174,7 @@ class RtdeScript:
         self.after = after
         self.before_start = None
         self.rate_hz = None
+        self.written = []
 
     def __call__(self, link):
         splitter = FrameSplitter()
@@ -193,6 +194,8 @@ class RtdeScript:
         elif kind == "I":
             types = ["IN_USE" if self.in_use else INPUT_TYPES[name] for name in decode_input_setup(payload)]
             self._send(link, kind, encode_setup_reply(1, types))
+        elif kind == "U":
+            self.written.append(int.from_bytes(payload[1:], "big"))
         elif kind == "S":
             if self.before_start:
                 self.before_start(link, self.names, self.types)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from bench.config import RobotConfig
 from bench.drivers.base import ProgramControl, StateStream
 from bench.drivers.robot.ur.program import UrDashboardProgram
+from bench.drivers.robot.ur.robot_api import RobotApiProgram
 from bench.drivers.robot.ur.state import UrStateStream
 from bench.errors import ConfigError, LinkLostError
 from bench.timing import Clock
@@ -20,6 +21,8 @@ def make_state_stream(
     *,
     on_missed: Callable[[str, int], None] | None = None,
     on_lost: Callable[[LinkLostError], None] | None = None,
+    on_restored: Callable[[], None] | None = None,
+    reconnect_s: float = 0.0,
 ) -> StateStream:
     """Return the state stream of the configured robot, not yet open.
 
@@ -32,10 +35,16 @@ def make_state_stream(
     on_missed : callable, optional
         Called with the topic and the number of samples that never came; from the reader thread.
     on_lost : callable, optional
-        Called once when the link is lost; from the reader thread.
+        Called once for each loss of the link; from the reader thread.
+    on_restored : callable, optional
+        Called once for each lost link that is back; from the reader thread.
+    reconnect_s : float
+        How long to try to reconnect after each loss, machine time; 0: a loss is final.
     """
     if config.kind == "ur":
-        return UrStateStream(config, clock, on_missed=on_missed, on_lost=on_lost)
+        return UrStateStream(
+            config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
+        )
     raise ConfigError(f"There is no state stream for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
 
 

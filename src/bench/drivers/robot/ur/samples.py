@@ -12,7 +12,7 @@ from bench.drivers.robot.ur.fields import make_picker
 from bench.drivers.robot.ur.handshake import Session
 from bench.errors import ProtocolError
 from bench.model import LogEntry, RobotState, Severity
-from bench.timing import Clock, MinimumDelayFilter
+from bench.timing import Clock, MinimumDelayFilter, patience_ns
 
 __all__ = ["TOPIC", "SampleReader"]
 
@@ -22,6 +22,9 @@ TOPIC = "/robot/state"
 NS_PER_S = 1e9
 GAP_LOG_PERIOD_NS = 1_000_000_000
 """A controller that skips all the time would fill the log: one sentence a second, with the sum."""
+SAME_CLOCK_S = 2.0
+"""Over a break our clock and the controller's agree to its delays, which are below a second; if they do not, it
+restarted meanwhile."""
 SEVERITIES = {0: Severity.ERROR, 1: Severity.ERROR, 2: Severity.WARN, 3: Severity.INFO}
 
 
@@ -59,24 +62,42 @@ class SampleReader:
         *,
         peer: str = "controller",
     ) -> None:
-        self._recipe = session.outputs
-        self._rate_hz = session.rate_hz
+        self._cycle = cycle
         self._clock = clock
         self._sink = sink
         self._on_missed = on_missed
         self._peer = peer
-        try:
-            self._pick = make_picker(session.outputs, cycle)
-        except ValueError as error:
-            raise ProtocolError(
-                f"The {peer} is not understood: it {error}.", hint="Its software is one bench does not know."
-            ) from error
         self._filter = MinimumDelayFilter(1.0)
         self._segment = 0
-        self._last_sequence: int | None = None
-        self._gaps = _GapLog(self._say)
+        self._is_resuming = False
+        self._gaps = _GapLog(self.say)
+        self.latest: RobotState | None = None
+        """The newest sample, None before the first."""
+        self.fresh_ns = clock.now_ns()
+        """When the newest sample arrived, or the connection began."""
+        self.n_runs = 0
+        """How often the controller or its program began anew: what was granted before holds no more."""
+        self._agree(session)
+
+    def _agree(self, session: Session) -> None:
+        self._recipe = session.outputs
+        self._rate_hz = session.rate_hz
+        try:
+            self._pick = make_picker(session.outputs, self._cycle)
+        except ValueError as error:
+            raise ProtocolError(
+                f"The {self._peer} is not understood: it {error}.", hint="Its software is one bench does not know."
+            ) from error
         if session.left_out:
-            self._say(Severity.WARN, f"The {peer} does not give {', '.join(session.left_out)}; left out.")
+            self.say(Severity.WARN, f"The {self._peer} does not give {', '.join(session.left_out)}; left out.")
+
+    def resume(self, session: Session) -> None:
+        """Go on over another connection, in a clock segment of its own. `ProtocolError` as at the beginning."""
+        self._agree(session)
+        self._segment += 1
+        self._filter.reset()
+        self._is_resuming = True
+        self.fresh_ns = self._clock.now_ns()
 
     def take(self, arrival_ns: int, frames: Sequence[Frame]) -> None:
         """Decode the frames that arrived together and push what they hold.
@@ -102,27 +123,48 @@ class SampleReader:
             sequence = round(time_s * self._rate_hz)
         except (ValueError, OverflowError) as error:
             raise ProtocolError(f"the controller time {time_s} arrived, which is none.") from error
-        if sequence - 1 != self._last_sequence and self._last_sequence is not None:
-            self._note_break(arrival_ns, sequence, time_s)
-        self._last_sequence = sequence
+        latest = self.latest
+        if latest is not None and (sequence - 1 != latest.sequence or self._is_resuming):
+            self._note_break(latest, arrival_ns, sequence, time_s)
+        self._is_resuming = False
         capture_ns = self._filter.update(round(time_s * NS_PER_S), arrival_ns)
-        return RobotState(arrival_ns, capture_ns, sequence, self._segment, time_s, *values)
+        state = RobotState(arrival_ns, capture_ns, sequence, self._segment, time_s, *values)
+        if latest is not None and state.cycle_count < latest.cycle_count:
+            self._note_new_program(latest, state)
+        self.latest = state
+        self.fresh_ns = arrival_ns
+        return state
 
-    def _note_break(self, arrival_ns: int, sequence: int, time_s: float) -> None:
+    def _note_break(self, latest: RobotState, arrival_ns: int, sequence: int, time_s: float) -> None:
         """Tell a gap from a restart of the controller, whose time begins again near 0."""
-        last = self._last_sequence or 0
-        if sequence < last:
-            self._segment += 1
-            self._filter.reset()
-            self._say(
-                Severity.WARN,
-                f"The {self._peer} restarted: its time fell from {last / self._rate_hz:.3f} s to {time_s:.3f} s.",
-            )
-        elif sequence > last + 1:
-            missed = sequence - last - 1
+        is_restart = sequence < latest.sequence
+        if self._is_resuming:
+            is_restart = not _is_same_clock(latest, time_s, arrival_ns, self._clock)
+        if is_restart:
+            self._note_restart(latest, time_s)
+        elif sequence > latest.sequence + 1:
+            missed = sequence - latest.sequence - 1
             self._gaps.add(arrival_ns, missed, time_s)
             if self._on_missed is not None:
                 self._on_missed(TOPIC, missed)
+
+    def _note_restart(self, latest: RobotState, time_s: float) -> None:
+        self.n_runs += 1
+        if not self._is_resuming:
+            self._segment += 1
+            self._filter.reset()
+        self.say(
+            Severity.WARN,
+            f"The {self._peer} restarted: its time went from {latest.controller_time_s:.3f} s to {time_s:.3f} s.",
+        )
+
+    def _note_new_program(self, latest: RobotState, state: RobotState) -> None:
+        self.n_runs += 1
+        self.say(
+            Severity.INFO,
+            f"The robot program began anew at controller time {state.controller_time_s:.3f} s: "
+            f"its counter went from {latest.cycle_count} to {state.cycle_count}.",
+        )
 
     def _push_text(self, payload: bytes) -> None:
         try:
@@ -130,11 +172,29 @@ class SampleReader:
         except ProtocolError:
             message = TextMessage(f"unreadable text {payload.hex()}", "", 2)
         source = f"{message.source}: " if message.source else ""
-        self._say(SEVERITIES.get(message.level, Severity.INFO), f"The {self._peer} says: {source}{message.text}")
+        self.say(SEVERITIES.get(message.level, Severity.INFO), f"The {self._peer} says: {source}{message.text}")
 
-    def _say(self, severity: Severity, text: str) -> None:
+    def say(self, severity: Severity, text: str) -> None:
+        """Log a sentence and push it as a record of the robot's."""
         logger.info("%s", text)
         self._sink(LogEntry(self._clock.now_ns(), severity, "robot", text))
+
+
+def _is_same_clock(before: RobotState, time_s: float, arrival_ns: int, clock: Clock) -> bool:
+    """Whether a controller's clock ran on since `before`, over a break; false: the controller restarted meanwhile.
+
+    Parameters
+    ----------
+    before : RobotState
+        The last sample before the break.
+    time_s, arrival_ns : float, int
+        Controller time and arrival of the first sample after it.
+    clock : Clock
+        Of the arrivals.
+    """
+    passed_ns = (time_s - before.controller_time_s) * NS_PER_S
+    differs_ns = abs(passed_ns - (arrival_ns - before.arrival_ns))
+    return passed_ns >= 0.0 and differs_ns <= patience_ns(clock, SAME_CLOCK_S)
 
 
 class _GapLog:
