@@ -7,11 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Ints
+from bench.analysis.sources import RUNTIME_STOPPED
 
 __all__ = ["CounterColumns", "CycleTable", "find_cycles", "whole_take"]
 
-RUNTIME_STOPPED = (0, 1)
-"""UR runtime states in which no program is on its path whatever its registers still say: stopping, stopped."""
 TAIL_SAMPLES = 5
 """A program writes its counter and its running mark in two controller steps, so that the mark may outlive the count.
 

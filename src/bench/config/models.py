@@ -25,6 +25,7 @@ __all__ = [
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
 Register = Annotated[int, Field(ge=0, le=47)]
 ArcLengths = Annotated[tuple[Annotated[float, Field(ge=0, strict=True)], ...], Field(strict=False)]
+Joints = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 Point = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
@@ -46,7 +47,14 @@ class RunConfig(Section):
 class CycleConfig(Section):
     """How the robot's program says which cycle it is in, and how it is allowed to begin one."""
 
-    source: Literal["counter"] = Field("counter", description="The program counts its cycles in an output register.")
+    source: Literal["counter", "digital_output", "joint_return"] = Field(
+        "counter",
+        description="How cycles show: a counter register, a digital output, or the joints' return to the start pose.",
+    )
+    grant: bool | None = Field(
+        None,
+        description="Whether the program waits for a grant before each cycle; left out: only with a counter.",
+    )
     counter_register: Register = Field(
         24, alias="register", description="output_int_register: cycles completed since the program started."
     )
@@ -55,14 +63,56 @@ class CycleConfig(Section):
     phase_register: Register | None = Field(
         None, description="output_double_register: place on the path, 0 to 1, if the program writes it."
     )
+    digital_output: int | None = Field(
+        None, ge=0, le=17, description="Output of 'digital_output': 0-7 standard, 8-15 configurable, 16-17 tool."
+    )
+    digital_output_mode: Literal["level", "pulse"] = Field(
+        "level", description="'level': high on the path, low while waiting; 'pulse': rises once at each start."
+    )
+    joint_tolerance_deg: float = Field(
+        0.5, gt=0, le=20, description="How near to the start pose each joint must be for 'joint_return'."
+    )
+    start_joints_deg: Joints | None = Field(
+        None, description="Start pose of 'joint_return'; left out: where the robot stands when the program starts."
+    )
     timeout_s: float = Field(
         600.0, gt=0, le=86_400, description="Longest time for one cycle before the run gives up: 10 minutes."
     )
+
+    @property
+    def is_granted(self) -> bool:
+        """Whether the program waits for a grant before each cycle."""
+        return self.source == "counter" if self.grant is None else self.grant
 
     @model_validator(mode="after")
     def _registers_differ(self) -> CycleConfig:
         if self.counter_register == self.running_register:
             raise ValueError("register and running_register are both output_int_register: they must differ")
+        return self
+
+    @model_validator(mode="after")
+    def _fits_its_source(self) -> CycleConfig:
+        belongs = {
+            "digital_output": ("digital_output", "digital_output_mode"),
+            "joint_return": ("joint_tolerance_deg", "start_joints_deg"),
+        }
+        for source, keys in belongs.items():
+            for key in keys:
+                if self.source != source and getattr(self, key) != type(self).model_fields[key].default:
+                    raise ValueError(f"{key} belongs to source = '{source}', not to '{self.source}'")
+        if self.source == "digital_output" and self.digital_output is None:
+            raise ValueError("source = 'digital_output' needs digital_output = N, the output's number")
+        return self
+
+    @model_validator(mode="after")
+    def _can_be_granted(self) -> CycleConfig:
+        if self.source == "counter" and not self.is_granted:
+            raise ValueError("grant = false does not fit source = 'counter': a program that counts waits for its grant")
+        if self.is_granted and self.digital_output_mode == "pulse":
+            raise ValueError(
+                "grant = true does not fit digital_output_mode = 'pulse': there the next start ends a cycle, "
+                "and it would wait for a grant that waits for the end"
+            )
         return self
 
 

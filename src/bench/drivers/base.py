@@ -27,7 +27,10 @@ class StateStream(Protocol):
         ...
 
     def grant_cycles(self, total: int) -> None:
-        """Allow the program to have begun `total` cycles since it started. `LinkLostError` if it cannot be sent."""
+        """Allow the program to have begun `total` cycles since it started. `LinkLostError` if it cannot be sent.
+
+        Does nothing where `[robot.cycle]` says that the program waits for no grant.
+        """
         ...
 
     def close(self) -> None:

@@ -8,7 +8,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import AlignedClock, CounterColumns, Gaps, align_by_arrival, align_by_echo, find_gaps
+from bench.analysis import (
+    AlignedClock,
+    CounterColumns,
+    CycleSource,
+    Gaps,
+    RobotSigns,
+    align_by_arrival,
+    align_by_echo,
+    count_cycles,
+    find_gaps,
+)
 from bench.model import ClockSource
 from bench.recording import BODIES, CLOCK, FRAME, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding
@@ -87,8 +97,16 @@ def read_frames(run: Run) -> TrackerFrames:
     )
 
 
-def read_robot(run: Run) -> RobotSamples | None:
-    """Read the robot's samples and put them into host time; None without any."""
+def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
+    """Read the robot's samples and put them into host time; None without any.
+
+    Parameters
+    ----------
+    run : Run
+        The recording.
+    source : CycleSource or None
+        How the robot shows its cycles; None where the program counts them.
+    """
     state = run[ROBOT]
     if len(state.segment) == 0:
         return None
@@ -96,13 +114,13 @@ def read_robot(run: Run) -> RobotSamples | None:
     clock = align_by_arrival(ticks, _ints(state.arrival_ns), _ints(state.capture_ns), segment, 1.0)
     order = np.lexsort((ticks, segment))
     host = clock.host_ns[order]
-    counter = CounterColumns(
-        host_ns=host,
-        count=_ints(state.cycle_count)[order],
-        running=_ints(state.cycle_running)[order],
-        phase=np.asarray(state.cycle_phase, dtype=np.float64)[order],
-        runtime_state=_ints(state.runtime_state)[order],
-    )
+    runtime_state = _ints(state.runtime_state)[order]
+    signs = RobotSigns(_ints(state.digital_outputs)[order], state.q_rad[order], state.qd_rad_s[order])
+    count, running = _ints(state.cycle_count)[order], _ints(state.cycle_running)[order]
+    if source is not None:
+        count, running = count_cycles(source, runtime_state, signs)
+    phase = np.asarray(state.cycle_phase, dtype=np.float64)[order]
+    counter = CounterColumns(host, count, running, phase, runtime_state)
     # the field and not the message's own number, which is 32 bits wide
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     return RobotSamples(counter, gaps, _findings("robot", clock))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bench.analysis import CycleFollower, make_cycle_source
 from bench.config import Config, RobotConfig, TrackerConfig
 from bench.drivers.robot import make_program_control, make_state_stream
 from bench.drivers.tracker import make_tracker
@@ -57,6 +58,8 @@ class BenchLinks:
         self._inbox = inbox
         self._record = record
         self.watcher = CycleWatcher(inbox.put, record)
+        source = make_cycle_source(robot.cycle)
+        self._follower = None if source is None else CycleFollower(source)
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
@@ -103,8 +106,9 @@ class BenchLinks:
     def _take_robot_record(self, record: Record) -> None:
         self._record(record)
         if isinstance(record, RobotState):
-            self.watcher.update(record)
-            self.robot_tally.update(record)
+            state = record if self._follower is None else self._follower.complete(record)
+            self.watcher.update(state)
+            self.robot_tally.update(state)
             self.pace.update(round(record.controller_time_s * 1e9), record.arrival_ns)
 
     def _take_tracker_record(self, record: Record) -> None:

@@ -81,6 +81,8 @@ class RunEngine:
         progress: RunProgress,
         limits: RunLimits,
         refresh: Callable[[], None] = lambda: None,
+        *,
+        is_granted: bool = True,
     ) -> None:
         self._program = program
         self._stream = stream
@@ -92,6 +94,8 @@ class RunEngine:
         self._progress = progress
         self._limits = limits
         self._refresh = refresh
+        self._is_granted = is_granted
+        """Whether the program waits for a grant before each cycle; else it is stopped when it has driven enough."""
 
     def run(self) -> Ending:
         """Play the program, grant the cycles one by one, stop the program.
@@ -129,7 +133,8 @@ class RunEngine:
         return (
             state is not None
             and state.runtime_state in (PLAYING, -1)
-            and (state.cycle_count, state.cycle_running) == (0, 0)
+            and state.cycle_count == 0
+            and not (self._is_granted and state.cycle_running)
         )
 
     def _never_waited(self) -> DeviceTimeoutError:
@@ -146,7 +151,8 @@ class RunEngine:
             if self._progress.stop_requested:
                 return
             self._grant(cycle_index)
-            self._await(CycleStarted(cycle_index), self._limits.start_s, "start")
+            start_s = self._limits.start_s if self._is_granted else self._limits.cycle_s
+            self._await(CycleStarted(cycle_index), start_s, "start")
             self._progress.cycle_started_ns = self._clock.now_ns()
             self._await(CycleCompleted(cycle_index), self._limits.cycle_s, "end")
             self._progress.cycle_durations_ns.append(self._clock.now_ns() - self._progress.cycle_started_ns)
@@ -155,6 +161,8 @@ class RunEngine:
             self._refresh()
 
     def _grant(self, cycle_index: int) -> None:
+        if not self._is_granted:
+            return
         self._record(CycleEvent(self._clock.now_ns(), CycleEventKind.GRANTED, cycle_index))
         self._stream.grant_cycles(cycle_index + 1)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.config import Config
+from bench.config import Config, RobotConfig
 from bench.run.bench_links import require_devices
 from bench.run.preflight import predict_bytes_per_s
 
@@ -28,7 +28,7 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
         f"robot    {robot.kind} at {robot.host}, program {robot.program}, {robot.rate_hz:g} Hz",
         f"tracker  {tracker.kind} at {tracker.host}, {n_points} points at {rate_hz:g} Hz"
         + ("" if simulated else " (assumed: the tracker tells its rate when it is connected)"),
-        f"cycles   {options.n_cycles}, each granted when the one before has ended",
+        f"cycles   {options.n_cycles}, {_how_begun(robot)}",
     ]
     if simulated:
         run_s = options.n_cycles * simulated.cycle_s
@@ -42,3 +42,9 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
     lines.append(f"output   {options.output or config.run.output_dir + '/' + config.run.name + '-TIME.mcap'}")
     lines.append("Nothing was connected and nothing was written.")
     return lines
+
+
+def _how_begun(robot: RobotConfig) -> str:
+    if robot.cycle.is_granted:
+        return "each granted when the one before has ended"
+    return "which the program begins by itself; it is stopped after the last"

@@ -194,6 +194,7 @@ class _Session:
             self._progress,
             RunLimits(cycle_s=robot.cycle.timeout_s),
             refresh=lambda: self._view.update(self._progress, self._writer, links, self._clock),
+            is_granted=robot.cycle.is_granted,
         )
         with _ctrl_c_to(self._inbox), self._view.live():
             return engine.run()

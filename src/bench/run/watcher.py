@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 from bench.errors import CycleSequenceError, DeviceStateError
 from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RobotState, Severity
@@ -47,7 +48,9 @@ class CycleWatcher:
 
     def arm(self) -> None:
         """Begin to report: from here on the program is ours."""
-        self._before = self.latest
+        latest = self.latest
+        # a program that waits for no grant may have begun already: its start is still to be told
+        self._before = None if latest is None else replace(latest, cycle_running=0)
         self._armed = True
 
     def disarm(self) -> None:

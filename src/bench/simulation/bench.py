@@ -28,6 +28,8 @@ TRACKER_TICKS_AT_START = 987_654_321_012
 """The PC has been on for 3.5 days."""
 ROBOT_S_AT_START = 61.25
 """A controller answers about a minute after its own clock begins."""
+FREE_REST_S = 0.05
+"""Rest between the cycles of a program that waits for no grant: 6 samples at 125 Hz."""
 DATA_PORT = 1511
 DASHBOARD_PORT = 29999
 CB3_RATE_HZ = 125.0
@@ -61,7 +63,9 @@ class SimulatedBench:
         self._clock = clock
         self.scheduler = Scheduler(clock)
         path = JointPath(make_layout(config).path_amplitude)
-        self.program = PathProgram(config.robot.program, cycle_s=self._simulation.cycle_s, path=path)
+        rest_s = 0.0 if config.robot.cycle.is_granted else FREE_REST_S
+        cycle_s = self._simulation.cycle_s
+        self.program = PathProgram(config.robot.program, cycle_s=cycle_s, path=path, rest_s=rest_s)
         self.scene = Scene(config, self.program)
         self._truth: TruthWriter | None = None
         self._open_truth = partial(_open_truth, truth, config, self.scene.cable)
@@ -129,10 +133,12 @@ class SimulatedBench:
             self._clock,
             controller_clock=clock,
             rate_hz=_controller_rate_hz(robot.rate_hz),
-            grant_register=cycle.grant_register,
+            grant_register=cycle.grant_register if cycle.is_granted else None,
             counter_register=cycle.counter_register,
             running_register=cycle.running_register,
             phase_register=cycle.phase_register,
+            digital_output=cycle.digital_output,
+            output_pulses=cycle.digital_output_mode == "pulse",
             remote_control=self._simulation.remote_control,
             rtde_port=robot.rtde_port,
             dashboard_port=DASHBOARD_PORT,

@@ -60,12 +60,17 @@ class PathProgram:
         Duration of one pass along the path at full speed, seconds of the clock.
     path : JointPath, optional
         Where the robot goes; left out, the path at amplitude 1.
+    rest_s : float, optional
+        Rest after each cycle, at full speed: what a program that waits for no grant needs, so that its end shows.
     """
 
-    def __init__(self, name: str = "bend_test.urp", *, cycle_s: float = 2.0, path: JointPath | None = None) -> None:
+    def __init__(
+        self, name: str = "bend_test.urp", *, cycle_s: float = 2.0, path: JointPath | None = None, rest_s: float = 0.0
+    ) -> None:
         self.name = name
         self.path = path or JointPath()
         self._cycle_ns = cycle_s * 1e9
+        self._rest_ns = max(rest_s * 1e9, 1.0)
         self._lock = threading.Lock()
         self._state = "STOPPED"
         self._restart = False
@@ -170,7 +175,7 @@ class PathProgram:
         """Count a finished cycle; begin the next one a tick later at the earliest, so that both edges are seen."""
         if self._move.is_cycle:
             self._count += 1
-            self._set_move(_Move(0.0, 0.0, 1.0), elapsed_ns=1.0)
+            self._set_move(_Move(0.0, 0.0, self._rest_ns))
         elif granted > self._count:
             self._set_move(_Move(0.0, 1.0, self._cycle_ns, is_cycle=True))
 

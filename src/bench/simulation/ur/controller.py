@@ -39,7 +39,9 @@ class UrController:
     rate_hz : float
         Ticks a second: 500 for e-Series, 125 for CB3.
     grant_register, counter_register, running_register, phase_register : int
-        Registers by which the program is granted cycles and tells them.
+        Registers by which the program is granted cycles and tells them; without the first it waits for no grant.
+    digital_output : int, optional
+        Output that shows the cycles: high on the path, or in its first part only if `output_pulses`.
     remote_control : bool
         Whether the robot is in remote control.
     rtde_port, dashboard_port : int
@@ -55,15 +57,19 @@ class UrController:
         *,
         controller_clock: DeviceClock,
         rate_hz: float = 500.0,
-        grant_register: int = 24,
+        grant_register: int | None = 24,
         counter_register: int = 24,
         running_register: int = 25,
         phase_register: int | None = None,
+        digital_output: int | None = None,
+        output_pulses: bool = False,
         remote_control: bool = True,
         rtde_port: int = 30004,
         dashboard_port: int = 29999,
     ) -> None:
-        registers = CycleRegisters(grant_register, counter_register, running_register, phase_register)
+        registers = CycleRegisters(
+            grant_register, counter_register, running_register, phase_register, digital_output, output_pulses
+        )
         self.machine = Machine(program, registers, rate_hz)
         self.remote_control = remote_control
         """May be switched while clients are connected; each keeps the permission it had when it connected."""

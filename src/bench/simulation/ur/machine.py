@@ -17,6 +17,10 @@ RUNTIME_STATES = {"STOPPED": 1, "PLAYING": 2, "PAUSED": 4}
 HOLDING_CURRENT_A = (0.0, 2.6, 1.4, 0.35, 0.1, 0.05)
 CURRENT_PER_SPEED = 1.2
 """Amperes per rad/s."""
+PULSE_PHASE = 0.1
+"""A pulse lasts this share of the cycle: long enough for 125 Hz in a cycle of 0.2 s."""
+UNLIMITED = 1 << 31
+"""Grants of a program that waits for none."""
 UNLOCK_AFTER_NS = 5_000_000_000
 """A protective stop can be released 5 s after it occurred (dashboard server manual)."""
 
@@ -54,12 +58,17 @@ SAFETY_BITS = {
 
 @dataclass(frozen=True, slots=True)
 class CycleRegisters:
-    """Which registers the program writes and reads."""
+    """Which registers and output the program writes and reads."""
 
-    grant: int = 24
+    grant: int | None = 24
+    """None: the program waits for no grant and repeats its path until it is stopped."""
     counter: int = 24
     running: int = 25
     phase: int | None = None
+    digital_output: int | None = None
+    """Output that is high on the path."""
+    pulses: bool = False
+    """The output is high in the first part of the path only."""
 
 
 class Machine:
@@ -79,7 +88,9 @@ class Machine:
         self.program = program
         self.loaded = False
         self.values = initial_values()
-        self._grant_name = f"input_int_register_{registers.grant}"
+        self._grant_name = None if registers.grant is None else f"input_int_register_{registers.grant}"
+        self._output_bit = 0 if registers.digital_output is None else 1 << registers.digital_output
+        self._high_until = PULSE_PHASE if registers.pulses else 2.0
         self._counter_name = f"output_int_register_{registers.counter}"
         self._running_name = f"output_int_register_{registers.running}"
         self._phase_name = None if registers.phase is None else f"output_double_register_{registers.phase}"
@@ -110,7 +121,8 @@ class Machine:
         """Advance the program to `host_ns` and set every variable that moves."""
         values = self.values
         speed = self._scalar("target_speed_fraction")
-        self.program.tick(host_ns, int(self._scalar(self._grant_name)), speed)
+        granted = UNLIMITED if self._grant_name is None else int(self._scalar(self._grant_name))
+        self.program.tick(host_ns, granted, speed)
         values["timestamp"] = tick_number / self._rate_hz
         state = self.program.state
         values["runtime_state"] = RUNTIME_STATES[state]
@@ -131,6 +143,10 @@ class Machine:
         values[self._running_name] = motion.cycle_running
         if self._phase_name is not None:
             values[self._phase_name] = motion.phase
+        if self._output_bit:
+            is_high = motion.cycle_running == 1 and motion.phase < self._high_until
+            others = int(self._scalar("actual_digital_output_bits")) & ~self._output_bit
+            values["actual_digital_output_bits"] = others | (self._output_bit if is_high else 0)
 
     def write_inputs(self, inputs: Mapping[str, Value]) -> None:
         """Keep what a client wrote and let it act where it does; from the network's thread."""

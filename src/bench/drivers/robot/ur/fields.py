@@ -37,6 +37,12 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
 STATE_FIELDS = (*OUTPUTS, "cycle_count", "cycle_running", "cycle_phase")
 """Fields of `RobotState` that a package fills, in the order of its constructor."""
 
+SHOW_CYCLES = {
+    "counter": ("cycle_count", "cycle_running"),
+    "digital_output": ("digital_outputs",),
+    "joint_return": ("q_rad", "qd_rad_s"),
+}
+"""Fields that tell the cycles, by `[robot.cycle] source`."""
 VECTORS = frozenset(
     {"q_rad", "qd_rad_s", "target_q_rad", "current_a", "joint_temperature_c", "tcp_pose", "tcp_speed", "tcp_force"}
 )
@@ -47,10 +53,10 @@ ABSENT = (*NAN6, -1, 0)
 
 
 def _outputs(cycle: CycleConfig) -> dict[str, tuple[str, ...]]:
-    registers = {
-        "cycle_count": (f"output_int_register_{cycle.counter_register}",),
-        "cycle_running": (f"output_int_register_{cycle.running_register}",),
-    }
+    registers: dict[str, tuple[str, ...]] = {}
+    if cycle.source == "counter":  # else another program's numbers may stand there
+        registers["cycle_count"] = (f"output_int_register_{cycle.counter_register}",)
+        registers["cycle_running"] = (f"output_int_register_{cycle.running_register}",)
     if cycle.phase_register is not None:
         registers["cycle_phase"] = (f"output_double_register_{cycle.phase_register}",)
     return OUTPUTS | registers
@@ -59,7 +65,7 @@ def _outputs(cycle: CycleConfig) -> dict[str, tuple[str, ...]]:
 def essential_outputs(cycle: CycleConfig) -> frozenset[str]:
     """Return the outputs without which a run cannot be told into cycles."""
     outputs = _outputs(cycle)
-    return frozenset(outputs[field][0] for field in ("controller_time_s", "cycle_count", "cycle_running"))
+    return frozenset(outputs[field][0] for field in ("controller_time_s", *SHOW_CYCLES[cycle.source]))
 
 
 def wanted_outputs(cycle: CycleConfig, unknown: frozenset[str]) -> list[str]:

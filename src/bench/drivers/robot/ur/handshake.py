@@ -36,7 +36,8 @@ class Session:
     rate_hz: float
     """Rate that was asked for: the controller's own, or a whole fraction of it."""
     outputs: Recipe
-    inputs: Recipe
+    inputs: Recipe | None
+    """The grant register; None where the program waits for no grant: then no register is claimed."""
     left_out: tuple[str, ...]
     """Outputs this controller does not know."""
 
@@ -70,7 +71,7 @@ def _agree(link: RtdeLink, config: RobotConfig) -> Session:
     version = decode_controller_version(link.ask(PackageType.CONTROLLER_VERSION))
     rate_hz = delivered_rate_hz(config.rate_hz, version[0])
     outputs, left_out = _set_up_outputs(link, config, rate_hz)
-    inputs = _set_up_grant(link, config.cycle.grant_register)
+    inputs = _set_up_grant(link, config.cycle.grant_register) if config.cycle.is_granted else None
     if not decode_accepted(link.ask(PackageType.START)):
         raise DeviceStateError(
             f"The {link.peer} refuses to start its state stream.", hint="Restart the robot's controller."
