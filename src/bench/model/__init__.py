@@ -11,7 +11,9 @@ from bench.model.enums import (
     Verdict,
 )
 from bench.model.records import (
+    NAN3,
     NAN6,
+    NO_BITS,
     NO_ID,
     UNLABELED,
     ClockSample,
@@ -24,11 +26,14 @@ from bench.model.records import (
     RobotState,
     StateChange,
     TrackerFrame,
+    Vector3,
     Vector6,
 )
 
 __all__ = [
+    "NAN3",
     "NAN6",
+    "NO_BITS",
     "NO_ID",
     "UNLABELED",
     "ClockSample",
@@ -48,6 +53,7 @@ __all__ = [
     "StampKind",
     "StateChange",
     "TrackerFrame",
+    "Vector3",
     "Vector6",
     "Verdict",
 ]

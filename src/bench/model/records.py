@@ -1,7 +1,7 @@
 """What the devices say and what the run does, one frozen record for each message.
 
 Host times (``*_ns``) are Unix nanoseconds of the run's clock (`bench.timing`). Lengths are metres, angles radians.
-A missing value is NaN, or -1 for an index; never zero.
+A missing value is NaN, or -1 for an integer, or `NO_BITS`; never zero.
 """
 
 from __future__ import annotations
@@ -14,7 +14,9 @@ import numpy.typing as npt
 from bench.model.enums import ClockSource, CycleEventKind, RunState, Severity, StampKind
 
 __all__ = [
+    "NAN3",
     "NAN6",
+    "NO_BITS",
     "NO_ID",
     "UNLABELED",
     "ClockSample",
@@ -27,11 +29,16 @@ __all__ = [
     "RobotState",
     "StateChange",
     "TrackerFrame",
+    "Vector3",
     "Vector6",
 ]
 
+Vector3 = tuple[float, float, float]
 Vector6 = tuple[float, float, float, float, float, float]
+NAN3: Vector3 = (float("nan"),) * 3
 NAN6: Vector6 = (float("nan"),) * 6
+NO_BITS = 0xFFFFFFFFFFFFFFFF
+"""The digital inputs or outputs of a controller that does not tell them: no controller has 64 of them."""
 NO_ID = 0xFFFFFFFF
 """The ``id`` of a marker whose tracker gives none (a Tracking Tools take writes 0 for every marker)."""
 UNLABELED = 0x10
@@ -78,9 +85,9 @@ class RobotState:
     """UR robot mode; 7 is running."""
     safety_status: int = -1
     """UR safety status; 1 is normal, 3 a protective stop."""
-    digital_inputs: int = 0
+    digital_inputs: int = NO_BITS
     """Bits of the actual digital inputs."""
-    digital_outputs: int = 0
+    digital_outputs: int = NO_BITS
     """Bits of the actual digital outputs."""
     cycle_count: int = -1
     """Cycles completed since the program started: the register `[robot.cycle] register`."""
@@ -88,6 +95,33 @@ class RobotState:
     """1 while the robot is on its path, 0 while it waits for the next grant."""
     cycle_phase: float = float("nan")
     """Place on the path, 0…1, where the program writes it into a register."""
+    target_qd_rad_s: Vector6 = NAN6
+    """Target joint velocities."""
+    safety_status_bits: int = -1
+    """UR: bit 0 normal, 1 reduced, 2 protective stop, 3 recovery, 4 safeguard stop, 5 system emergency stop, 6 robot
+    emergency stop, 7 emergency stop, 8 violation, 9 fault, 10 stopped due to safety, 11 3-position enabling stop."""
+    robot_status_bits: int = -1
+    """UR: bit 0 power on, 1 program running, 2 teach button, 3 power button."""
+    tcp_offset: Vector6 = NAN6
+    """TCP in the flange frame: x, y, z (m), rotation vector (rad)."""
+    payload_kg: float = float("nan")
+    """Mass of the payload that is set on the controller."""
+    payload_cog_m: Vector3 = NAN3
+    """Its centre of gravity in the flange frame."""
+    script_control_line: int = -1
+    """Line of the robot program that has control."""
+    time_scale_source: int = -1
+    """UR: number of the limit that slows the trajectory."""
+    collision_detection_ratio: float = float("nan")
+    """Share of the force limit, 1 where a collision stops the robot."""
+    joint_position_deviation_ratio: float = float("nan")
+    """Share of the allowed deviation from the target, 1 where it stops the robot."""
+    main_voltage_v: float = float("nan")
+    """Of the controller's safety board."""
+    robot_current_a: float = float("nan")
+    """Of the whole arm, amperes."""
+    control_step: int = -1
+    """Steps of the control loop since the controller started."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,17 +1,19 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
+import numpy as np
 import pytest
 
 from bench.config import CycleConfig
-from bench.drivers.robot.ur.codec import PackageType, TextMessage, encode_text
-from bench.drivers.robot.ur.fields import wanted_outputs
+from bench.drivers.robot.ur.codec import NAME_LIST_LIMIT, PackageType, TextMessage, encode_text
+from bench.drivers.robot.ur.fields import essential_outputs, wanted_outputs
 from bench.drivers.robot.ur.handshake import Session, delivered_rate_hz
 from bench.drivers.robot.ur.recipe import Recipe
 from bench.drivers.robot.ur.samples import SampleReader
 from bench.errors import ProtocolError
-from bench.model import LogEntry, RobotState, Severity
+from bench.model import NO_BITS, LogEntry, RobotState, Severity
 from bench.simulation.ur.variables import OUTPUT_TYPES, initial_values
 from bench.timing import ManualClock
 
@@ -53,7 +55,7 @@ class Stream:
 def test_every_field_of_a_sample_comes_from_its_own_output():
     stream = Stream(cycle=CycleConfig(phase_register=26))
     names = ["actual_q", "actual_qd", "target_q", "actual_current", "joint_temperatures"]
-    names += ["actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force"]
+    names += ["actual_TCP_pose", "actual_TCP_speed", "actual_TCP_force", "target_qd", "tcp_offset"]
     vectors = {name: tuple(float(10 * place + axis) for axis in range(6)) for place, name in enumerate(names)}
     numbers = {
         "speed_scaling": 0.9,
@@ -66,15 +68,29 @@ def test_every_field_of_a_sample_comes_from_its_own_output():
         "output_int_register_24": 11,
         "output_int_register_25": 1,
         "output_double_register_26": 0.25,
+        "safety_status_bits": 1028,
+        "robot_status_bits": 3,
+        "payload": 1.5,
+        "payload_cog": (0.0, 0.01, 0.05),
+        "script_control_line": 12,
+        "time_scale_source": 4,
+        "collision_detection_ratio": 0.2,
+        "joint_position_deviation_ratio": 0.3,
+        "actual_main_voltage": 48.1,
+        "actual_robot_current": 1.1,
+        "control_step": 2**40,
     }
     stream.take(61.25, 77, **vectors, **numbers)
     (sample,) = stream.samples
     assert (sample.arrival_ns, sample.capture_ns, sample.sequence, sample.segment) == (77, 77, 30625, 0)
     fields = ["q_rad", "qd_rad_s", "target_q_rad", "current_a", "joint_temperature_c"]
-    fields += ["tcp_pose", "tcp_speed", "tcp_force"]
+    fields += ["tcp_pose", "tcp_speed", "tcp_force", "target_qd_rad_s", "tcp_offset"]
     assert [getattr(sample, field) for field in fields] == list(vectors.values())
     fields = ["speed_scaling", "speed_fraction", "runtime_state", "robot_mode", "safety_status"]
     fields += ["digital_inputs", "digital_outputs", "cycle_count", "cycle_running", "cycle_phase"]
+    fields += ["safety_status_bits", "robot_status_bits", "payload_kg", "payload_cog_m", "script_control_line"]
+    fields += ["time_scale_source", "collision_detection_ratio", "joint_position_deviation_ratio"]
+    fields += ["main_voltage_v", "robot_current_a", "control_step"]
     assert [getattr(sample, field) for field in fields] == list(numbers.values())
 
 
@@ -85,8 +101,33 @@ def test_an_old_controller_gives_its_safety_mode_and_nothing_for_what_it_lacks()
     (sample,) = stream.samples
     assert sample.safety_status == 5
     assert all(math.isnan(number) for number in (*sample.tcp_force, sample.speed_fraction, sample.cycle_phase))
-    assert (sample.runtime_state, sample.digital_outputs, sample.cycle_count) == (-1, 0, 0)
+    assert (sample.runtime_state, sample.digital_outputs, sample.cycle_count) == (-1, NO_BITS, 0)
     assert "safety_status, actual_TCP_force" in stream.logs[0].text
+
+
+def test_what_a_controller_lacks_is_never_zero():
+    lacking = frozenset(OUTPUT_TYPES) - essential_outputs(CYCLE)
+    stream = Stream(unknown=lacking)
+    stream.take(61.25)
+    (sample,) = stream.samples
+    given = {"arrival_ns", "capture_ns", "sequence", "segment", "controller_time_s", "cycle_count", "cycle_running"}
+    for field in dataclasses.fields(RobotState):
+        if field.name not in given:
+            value = getattr(sample, field.name)
+            assert repr(value) == repr(field.default)
+            assert value in (-1, NO_BITS) or all(math.isnan(number) for number in np.atleast_1d(value))
+
+
+def test_the_registers_are_those_for_external_clients_by_default():
+    names = wanted_outputs(CycleConfig(), frozenset())
+    registers = [int(name.rsplit("_", 1)[1]) for name in names if "register" in name]
+    assert registers
+    assert all(24 <= register <= 47 for register in [*registers, CycleConfig().grant_register])
+
+
+def test_the_names_that_are_asked_for_fit_into_one_setup():
+    longest = CycleConfig(register=46, running_register=47, phase_register=47)
+    assert len(",".join(wanted_outputs(longest, frozenset()))) <= NAME_LIST_LIMIT
 
 
 def test_skipped_samples_are_counted_from_the_time_grid_and_told():

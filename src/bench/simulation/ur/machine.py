@@ -8,6 +8,7 @@ from enum import IntEnum
 
 from bench.drivers.robot.ur.recipe import Value
 from bench.simulation.program import Motion, PathProgram
+from bench.simulation.ur.kinds import E_SERIES, ControllerKind
 from bench.simulation.ur.variables import initial_values
 
 __all__ = ["CycleRegisters", "Machine", "RobotMode", "SafetyStatus"]
@@ -82,10 +83,15 @@ class Machine:
         How the program and the outside talk.
     rate_hz : float
         Ticks a second.
+    kind : ControllerKind
+        Generation of the controller.
     """
 
-    def __init__(self, program: PathProgram, registers: CycleRegisters, rate_hz: float) -> None:
+    def __init__(
+        self, program: PathProgram, registers: CycleRegisters, rate_hz: float, kind: ControllerKind = E_SERIES
+    ) -> None:
         self.program = program
+        self.kind = kind
         self.loaded = False
         self.values = initial_values()
         self._grant_name = None if registers.grant is None else f"input_int_register_{registers.grant}"
@@ -124,6 +130,7 @@ class Machine:
         granted = UNLIMITED if self._grant_name is None else int(self._scalar(self._grant_name))
         self.program.tick(host_ns, granted, speed)
         values["timestamp"] = tick_number / self._rate_hz
+        values["control_step"] = tick_number
         state = self.program.state
         values["runtime_state"] = RUNTIME_STATES[state]
         values["robot_status_bits"] = (values["robot_mode"] != RobotMode.POWER_OFF) | (state == "PLAYING") << 1

@@ -63,7 +63,7 @@ _BY_TYPE: dict[str, tuple[str, ...]] = {
     ),
     "VECTOR3D": ("actual_tool_accelerometer", "elbow_position", "elbow_velocity", "payload_cog"),
     "VECTOR6INT32": ("joint_mode",),
-    "UINT64": ("actual_digital_input_bits", "actual_digital_output_bits"),
+    "UINT64": ("actual_digital_input_bits", "actual_digital_output_bits", "control_step"),
     "INT32": ("robot_mode", "safety_mode", "safety_status", "tool_output_voltage", "time_scale_source"),
     "UINT32": (
         "runtime_state",
@@ -103,6 +103,8 @@ _AT_REST: dict[str, Value] = {
     "actual_main_voltage": 48.0,
     "actual_robot_voltage": 48.0,
     "actual_robot_current": 0.6,
+    "payload": 0.4,
+    "payload_cog": (0.0, 0.0, 0.03),
     "io_current": 0.03,
     "tool_temperature": 27.5,
     "joint_temperatures": (29.1, 30.4, 30.0, 32.6, 33.2, 33.9),

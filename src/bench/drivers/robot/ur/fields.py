@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.config import CycleConfig
 from bench.drivers.robot.ur.recipe import Recipe, Scalar
-from bench.model import NAN6
+from bench.model import NAN6, NO_BITS
 
 __all__ = ["STATE_FIELDS", "essential_outputs", "make_picker", "wanted_outputs"]
 
@@ -34,7 +34,22 @@ OUTPUTS: dict[str, tuple[str, ...]] = {
     "digital_inputs": ("actual_digital_input_bits",),
     "digital_outputs": ("actual_digital_output_bits",),
 }
-STATE_FIELDS = (*OUTPUTS, "cycle_count", "cycle_running", "cycle_phase")
+LATER_OUTPUTS: dict[str, tuple[str, ...]] = {
+    "target_qd_rad_s": ("target_qd",),
+    "safety_status_bits": ("safety_status_bits",),
+    "robot_status_bits": ("robot_status_bits",),
+    "tcp_offset": ("tcp_offset",),
+    "payload_kg": ("payload",),
+    "payload_cog_m": ("payload_cog",),
+    "script_control_line": ("script_control_line",),
+    "time_scale_source": ("time_scale_source",),
+    "collision_detection_ratio": ("collision_detection_ratio",),
+    "joint_position_deviation_ratio": ("joint_position_deviation_ratio",),
+    "main_voltage_v": ("actual_main_voltage",),
+    "robot_current_a": ("actual_robot_current",),
+    "control_step": ("control_step",),
+}
+STATE_FIELDS = (*OUTPUTS, "cycle_count", "cycle_running", "cycle_phase", *LATER_OUTPUTS)
 """Fields of `RobotState` that a package fills, in the order of its constructor."""
 
 SHOW_CYCLES = {
@@ -43,13 +58,19 @@ SHOW_CYCLES = {
     "joint_return": ("q_rad", "qd_rad_s"),
 }
 """Fields that tell the cycles, by `[robot.cycle] source`."""
-VECTORS = frozenset(
-    {"q_rad", "qd_rad_s", "target_q_rad", "current_a", "joint_temperature_c", "tcp_pose", "tcp_speed", "tcp_force"}
+WIDTHS = {
+    **dict.fromkeys(("q_rad", "qd_rad_s", "target_q_rad", "target_qd_rad_s", "current_a", "joint_temperature_c"), 6),
+    **dict.fromkeys(("tcp_pose", "tcp_speed", "tcp_force", "tcp_offset"), 6),
+    "payload_cog_m": 3,
+}
+"""Numbers in a field that is no single one."""
+REALS = frozenset(
+    {"controller_time_s", "speed_scaling", "speed_fraction", "cycle_phase", "payload_kg", "main_voltage_v"}
+    | {"collision_detection_ratio", "joint_position_deviation_ratio", "robot_current_a"}
 )
-REALS = frozenset({"controller_time_s", "speed_scaling", "speed_fraction", "cycle_phase"})
-UNSIGNED = frozenset({"digital_inputs", "digital_outputs"})
-# What stands for a field the controller does not have, appended to each package: NaN six times, -1, 0.
-ABSENT = (*NAN6, -1, 0)
+BITS = frozenset({"digital_inputs", "digital_outputs"})
+# What stands for a field the controller does not have, appended to each package.
+ABSENT = (*NAN6, -1, NO_BITS)
 
 
 def _outputs(cycle: CycleConfig) -> dict[str, tuple[str, ...]]:
@@ -59,7 +80,7 @@ def _outputs(cycle: CycleConfig) -> dict[str, tuple[str, ...]]:
         registers["cycle_running"] = (f"output_int_register_{cycle.running_register}",)
     if cycle.phase_register is not None:
         registers["cycle_phase"] = (f"output_double_register_{cycle.phase_register}",)
-    return OUTPUTS | registers
+    return OUTPUTS | registers | LATER_OUTPUTS
 
 
 def essential_outputs(cycle: CycleConfig) -> frozenset[str]:
@@ -94,7 +115,7 @@ def make_picker(recipe: Recipe, cycle: CycleConfig) -> Picker:
 def _present_key(recipe: Recipe, field: str, name: str) -> int | slice:
     key = recipe.key(name)
     width = key.stop - key.start if isinstance(key, slice) else 1
-    due = 6 if field in VECTORS else 1
+    due = WIDTHS.get(field, 1)
     if width != due:
         raise ValueError(f"gives '{name}' as {width} numbers where {due} are due")
     return key
@@ -102,8 +123,8 @@ def _present_key(recipe: Recipe, field: str, name: str) -> int | slice:
 
 def _absent_key(field: str, width: int) -> int | slice:
     """Point into `ABSENT`, which follows the package's `width` numbers."""
-    if field in VECTORS:
-        return slice(width, width + 6)
+    if field in WIDTHS:
+        return slice(width, width + WIDTHS[field])
     if field in REALS:
         return width
-    return width + (7 if field in UNSIGNED else 6)
+    return width + ABSENT.index(NO_BITS if field in BITS else -1)
