@@ -113,7 +113,15 @@ def test_even_spacing_may_be_given_by_count_and_spacing() -> None:
 
 
 def test_the_schema_describes_every_table() -> None:
-    assert set(config_schema()["properties"]) == {"run", "robot", "tracker", "cable", "analysis", "simulation"}
+    assert set(config_schema()["properties"]) == {
+        "run",
+        "robot",
+        "tracker",
+        "cable",
+        "analysis",
+        "policy",
+        "simulation",
+    }
 
 
 @settings(max_examples=60, deadline=None)

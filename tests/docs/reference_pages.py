@@ -5,6 +5,7 @@ A test says so when one of them is not current.
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Iterator
 from typing import Any, get_args
 
@@ -93,7 +94,7 @@ def make_configuration_page() -> str:
     """Return the text of ``docs/reference/configuration.md``."""
     parts = [CONFIGURATION_HEAD]
     for name, model in _tables("", Config):
-        parts.append(f"\n## [{name}]\n\n{(model.__doc__ or '').strip()}\n\n{TABLE_HEAD}")
+        parts.append(f"\n## [{name}]\n\n{inspect.cleandoc(model.__doc__ or '')}\n\n{TABLE_HEAD}")
         parts.extend(_row(key, model) for key in model.model_fields if not _is_table(model.model_fields[key]))
     return NOTICE + "".join(parts) + CONFIGURATION_TAIL
 

@@ -29,6 +29,13 @@ class FakeRobot:
         self.tick = 0
         self.at_tick: dict[int, Callable[[FakeRobot], None]] = {}
         self.link_broken = False
+        self.is_heard = True
+        self.paused = False
+        self.safety_status = 1
+        self.speed_fraction = 1.0
+        self.reasons: list[str] = []
+        self.commands: list[str] = []
+        """Everything that was asked of the program control, in order."""
 
     def open(self, sink: Callable[[Record], None]) -> DeviceInfo:
         self.sink = sink
@@ -40,30 +47,41 @@ class FakeRobot:
         self.granted = total
 
     def check(self, program: str) -> list[str]:
-        return []
+        self.commands.append("check")
+        return self.reasons
 
     def load(self, program: str) -> None:
         if program != "bend_test.urp":
             raise DeviceStateError(f"no program {program}")
 
     def play(self) -> None:
+        self.commands.append("play")
         self.playing, self.count, self.step = True, 0, -1
 
     def stop(self) -> None:
+        self.commands.append("stop")
         self.playing = False
         self.stopped_calls += 1
 
     def close(self) -> None:
         self.playing = False
 
+    def protective_stop(self) -> None:
+        """Stop as the controller does by itself: the program is paused where it is."""
+        self.paused, self.safety_status = True, 3
+
+    def emergency_stop(self) -> None:
+        self.playing, self.safety_status = False, 7
+
     def advance(self) -> None:
         self.clock.advance_ns(PERIOD_NS)
         self.tick += 1
-        if self.playing:
+        if self.playing and not self.paused:
             self._move()
         if action := self.at_tick.pop(self.tick, None):
             action(self)
-        self.sink(self._state())
+        if self.is_heard:
+            self.sink(self._state())
 
     def _move(self) -> None:
         if self.step < 0 and self.granted > self.count:
@@ -81,8 +99,9 @@ class FakeRobot:
             sequence=self.tick,
             segment=0,
             controller_time_s=time_s,
-            runtime_state=2 if self.playing else 1,
-            safety_status=1,
+            runtime_state=(4 if self.paused else 2) if self.playing else 1,
+            safety_status=self.safety_status,
+            speed_fraction=self.speed_fraction,
             cycle_count=self.count,
             cycle_running=int(self.step >= 0),
         )

@@ -5,43 +5,13 @@ from __future__ import annotations
 from collections import Counter
 
 import pytest
-from fake_robot import FakeRobot, PumpingInbox
+from engine_setup import Setup
+from fake_robot import FakeRobot
 
 from bench.errors import CycleSequenceError, CycleTimeoutError, DeviceStateError, DeviceTimeoutError, LinkLostError
-from bench.model import CycleEvent, CycleEventKind, ExitStatus, Record, RunState, StateChange
-from bench.run.engine import RunEngine, RunLimits, RunProgress
+from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState, StateChange
+from bench.run.engine import RunLimits
 from bench.run.inbox import AbortRequested, StopRequested
-from bench.run.states import RunStates
-from bench.run.watcher import CycleWatcher
-from bench.timing import ManualClock
-
-
-class Setup:
-    def __init__(self, n_cycles: int, limits: RunLimits | None = None) -> None:
-        self.clock = ManualClock()
-        self.robot = FakeRobot(self.clock)
-        self.inbox = PumpingInbox(self.robot)
-        self.records: list[Record] = []
-        self.watcher = CycleWatcher(self.inbox.put, self.records.append)
-        self.robot.open(self.watcher.update)
-        self.states = RunStates(self.clock, self.records.append)
-        for state in (RunState.CONNECTING, RunState.CHECKING, RunState.ARMED):
-            self.states.enter(state)
-        self.progress = RunProgress(n_cycles)
-        self.engine = RunEngine(
-            self.robot,
-            self.robot,
-            self.watcher,
-            self.inbox,
-            self.states,
-            self.clock,
-            self.records.append,
-            self.progress,
-            limits or RunLimits(),
-        )
-
-    def kinds(self, kind: CycleEventKind) -> list[int]:
-        return [r.cycle_index for r in self.records if isinstance(r, CycleEvent) and r.kind == kind]
 
 
 def test_a_thousand_cycles_are_each_granted_started_and_completed_once() -> None:
@@ -117,7 +87,7 @@ def test_a_counter_that_jumps_is_an_error_and_never_a_count() -> None:
 def test_a_program_that_stops_by_itself_is_an_error() -> None:
     setup = Setup(10)
     setup.robot.at_tick[30] = lambda robot: setattr(robot, "playing", False)
-    with pytest.raises(DeviceStateError, match="stopped by itself"):
+    with pytest.raises(DeviceStateError, match="program stopped in cycle"):
         setup.engine.run()
 
 

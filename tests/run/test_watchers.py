@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.config import parse_config, simulated_config, simulated_config_text
 from bench.errors import ConfigError
 from bench.model import RobotState
-from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault, ProgramPaused
+from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
 from bench.run.pace import PaceWatch
 from bench.run.plan import describe_plan
 from bench.run.session import RunOptions
@@ -45,13 +45,6 @@ def test_however_long_cycles_and_pauses_are_each_is_seen_once_and_in_order(lengt
 
 def test_a_cycle_so_short_that_no_sample_shows_it_running_is_still_counted() -> None:
     assert watch([dataclasses.replace(BASE, cycle_count=1)]) == [CycleCompleted(0)]
-
-
-def test_a_protective_stop_is_told_and_does_not_end_the_run_by_itself() -> None:
-    running = dataclasses.replace(BASE, cycle_running=1)
-    events = watch([running, dataclasses.replace(running, runtime_state=4, safety_status=3)])
-    assert isinstance(events[-1], ProgramPaused)
-    assert "protective stop" in events[-1].detail
 
 
 def test_a_counter_that_falls_is_a_fault() -> None:

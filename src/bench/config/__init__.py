@@ -19,6 +19,7 @@ from bench.config.models import (
     SimulationConfig,
     TrackerConfig,
 )
+from bench.config.policy import PolicyConfig
 
 __all__ = [
     "AnalysisConfig",
@@ -26,6 +27,7 @@ __all__ = [
     "CableConfig",
     "Config",
     "CycleConfig",
+    "PolicyConfig",
     "RobotConfig",
     "RunConfig",
     "SimulationConfig",

@@ -10,6 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from bench.config.policy import PolicyConfig
+
 __all__ = [
     "AnalysisConfig",
     "AnchorConfig",
@@ -270,4 +272,5 @@ class Config(Section):
     tracker: TrackerConfig | None = None
     cable: CableConfig
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
+    policy: PolicyConfig = Field(default_factory=PolicyConfig)
     simulation: SimulationConfig | None = None

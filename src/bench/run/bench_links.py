@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 
 from bench.analysis import CycleFollower, make_cycle_source
@@ -11,7 +12,9 @@ from bench.drivers.tracker import make_tracker
 from bench.errors import BenchError, ConfigError, PreflightError
 from bench.model import DeviceInfo, Record, RobotState, TrackerFrame
 from bench.run.closing import Closing
-from bench.run.inbox import Fault, Inbox
+from bench.run.conditions import ConditionKind, describe_lost_link
+from bench.run.guards import Guards
+from bench.run.inbox import ConditionCleared, ConditionRaised, Inbox
 from bench.run.pace import PaceWatch
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.watcher import CycleWatcher
@@ -44,6 +47,8 @@ class BenchLinks:
         Where every record goes: the run file.
     on_missed : callable, optional
         Told (topic, n) when a device's own sequence has a gap.
+    free_bytes, written : callable, optional
+        Free space on the run file's disk, and the size of the run file so far.
     """
 
     def __init__(
@@ -53,9 +58,13 @@ class BenchLinks:
         inbox: Inbox,
         record: Callable[[Record], None],
         on_missed: Callable[[str, int], None] | None = None,
+        *,
+        free_bytes: Callable[[], int] = lambda: sys.maxsize,
+        written: Callable[[], int] = int,
     ) -> None:
         robot, tracker = require_devices(config)
         self._inbox = inbox
+        self._clock = clock
         self._record = record
         self.watcher = CycleWatcher(inbox.put, record)
         source = make_cycle_source(robot.cycle)
@@ -63,8 +72,16 @@ class BenchLinks:
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
-        self.stream = make_state_stream(robot, clock, on_missed=on_missed, on_lost=self._report_loss)
-        self.tracker = make_tracker(tracker, clock, on_missed=on_missed, on_lost=self._report_loss)
+        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written)
+        self.stream = make_state_stream(
+            robot,
+            clock,
+            on_missed=on_missed,
+            on_lost=self._report_loss,
+            on_restored=self._report_restored,
+            reconnect_s=0.0 if config.policy.robot_link_lost == "abort" else config.policy.hold_timeout_s,
+        )
+        self.tracker = make_tracker(tracker, clock, on_missed=on_missed)
         self.program = make_program_control(robot, clock)
 
     def open(self, closing: Closing) -> list[DeviceInfo]:
@@ -110,11 +127,16 @@ class BenchLinks:
             self.watcher.update(state)
             self.robot_tally.update(state)
             self.pace.update(round(record.controller_time_s * 1e9), record.arrival_ns)
+            self.guards.update_robot(state, self.pace.lag_ns)
 
     def _take_tracker_record(self, record: Record) -> None:
         self._record(record)
         if isinstance(record, TrackerFrame):
             self.frame_tally.update(record)
+            self.guards.update_tracker(record.arrival_ns)
 
     def _report_loss(self, error: BenchError) -> None:
-        self._inbox.put(Fault(error))
+        self._inbox.put(ConditionRaised(describe_lost_link(error, self._clock.now_ns())))
+
+    def _report_restored(self) -> None:
+        self._inbox.put(ConditionCleared(ConditionKind.ROBOT_LINK_LOST))

@@ -10,16 +10,20 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from bench.drivers.base import ProgramControl, StateStream
-from bench.errors import BenchError, CycleSequenceError, CycleTimeoutError, DeviceTimeoutError
-from bench.model import CycleEvent, CycleEventKind, ExitStatus, Record, RunState
+from bench.errors import BenchError, CycleSequenceError, CycleTimeoutError, DeviceTimeoutError, LinkLostError
+from bench.model import CycleEvent, CycleEventKind, ExitStatus, LogEntry, Record, RunState, Severity
+from bench.run.conditions import Condition, describe_lost_link
+from bench.run.guards import Guards
+from bench.run.holding import Holding
 from bench.run.inbox import (
     AbortRequested,
+    ConditionCleared,
+    ConditionRaised,
     CycleCompleted,
     CycleStarted,
     Event,
     Fault,
     Inbox,
-    ProgramPaused,
     StopRequested,
 )
 from bench.run.states import RunStates
@@ -36,7 +40,9 @@ class RunLimits:
     start_s: float = 10.0
     """From a grant, or from `play`, until the robot shows that it obeys: its program needs one controller tick."""
     cycle_s: float = 600.0
-    """One cycle; `[robot.cycle] timeout_s`."""
+    """One cycle, without the time in which the robot stood; `[robot.cycle] timeout_s`."""
+    hold_s: float = 43_200.0
+    """One hold; `[policy] hold_timeout_s`."""
 
 
 @dataclass(slots=True)
@@ -52,6 +58,8 @@ class RunProgress:
     """What the operator should know or do now."""
     stop_requested: bool = False
     cycle_durations_ns: list[int] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
+    """What the operator must know when the run is over."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +82,8 @@ class RunEngine:
         program: ProgramControl,
         stream: StateStream,
         watcher: CycleWatcher,
+        guards: Guards,
+        holding: Holding,
         inbox: Inbox,
         states: RunStates,
         clock: Clock,
@@ -87,6 +97,8 @@ class RunEngine:
         self._program = program
         self._stream = stream
         self._watcher = watcher
+        self._guards = guards
+        self._holding = holding
         self._inbox = inbox
         self._states = states
         self._clock = clock
@@ -94,8 +106,11 @@ class RunEngine:
         self._progress = progress
         self._limits = limits
         self._refresh = refresh
+        self._hold_until_ns = 0
         self._is_granted = is_granted
         """Whether the program waits for a grant before each cycle; else it is stopped when it has driven enough."""
+        self._hold_until_ns = 0
+        self._interrupted: set[int] = set()
 
     def run(self) -> Ending:
         """Play the program, grant the cycles one by one, stop the program.
@@ -127,6 +142,7 @@ class RunEngine:
             if self._clock.now_ns() >= deadline:
                 raise self._never_waited()
         self._watcher.arm()
+        self._guards.arm()
 
     def _waits_for_first_grant(self) -> bool:
         state = self._watcher.latest
@@ -148,9 +164,8 @@ class RunEngine:
 
     def _run_cycles(self) -> None:
         for cycle_index in range(self._progress.n_cycles):
-            if self._progress.stop_requested:
+            if not self._grant(cycle_index):
                 return
-            self._grant(cycle_index)
             start_s = self._limits.start_s if self._is_granted else self._limits.cycle_s
             self._await(CycleStarted(cycle_index), start_s, "start")
             self._progress.cycle_started_ns = self._clock.now_ns()
@@ -160,25 +175,90 @@ class RunEngine:
             self._progress.n_completed = cycle_index + 1
             self._refresh()
 
-    def _grant(self, cycle_index: int) -> None:
+    def _hold_between_cycles(self) -> None:
+        """Grant nothing while a condition is present; a program that needs no grant can only be stopped."""
         if not self._is_granted:
+            self._progress.stop_requested |= self._holding.stop_instead()
             return
-        self._record(CycleEvent(self._clock.now_ns(), CycleEventKind.GRANTED, cycle_index))
-        self._stream.grant_cycles(cycle_index + 1)
+        now_ns = self._clock.now_ns()
+        while event := self._take_event(now_ns):  # what is known already must count
+            if isinstance(event, CycleStarted | CycleCompleted):
+                raise CycleSequenceError(f"The robot reports {event} though it was not granted.")
+        while self._holding.reason and not self._progress.stop_requested:
+            self._enter_hold()
+            self._take_event(self._hold_until_ns)
+            self._verify_hold()
+        self._leave_hold()
+
+    def _enter_hold(self) -> None:
+        if self._states.state is RunState.HOLDING:
+            return
+        self._states.enter(RunState.HOLDING, self._holding.reason)
+        self._hold_until_ns = self._deadline(self._limits.hold_s)
+
+    def _verify_hold(self) -> None:
+        if self._clock.now_ns() >= self._hold_until_ns:
+            raise DeviceTimeoutError(
+                f"The run has held for {self._limits.hold_s:g} s, the limit: {self._holding.reason}",
+                hint="Go on with --resume. [policy] hold_timeout_s is the limit.",
+            )
+
+    def _leave_hold(self) -> None:
+        if self._states.state is RunState.HOLDING and not self._holding.reason:
+            self._states.enter(RunState.RUNNING, "as before again")
+
+    def _grant(self, cycle_index: int) -> bool:
+        """Grant one more cycle as soon as nothing speaks against it; False if the run is to end instead."""
+        while True:
+            self._hold_between_cycles()
+            if self._progress.stop_requested:
+                return False
+            now_ns = self._clock.now_ns()
+            try:
+                if self._is_granted:
+                    self._stream.grant_cycles(cycle_index + 1)
+            except LinkLostError as error:
+                self._take_condition(describe_lost_link(error, now_ns))
+                continue
+            if self._is_granted:
+                self._record(CycleEvent(now_ns, CycleEventKind.GRANTED, cycle_index))
+            return True
 
     def _await(self, expected: CycleStarted | CycleCompleted, limit_s: float, what: str) -> None:
         deadline = self._deadline(limit_s)
         while (event := self._take_event(deadline)) != expected:
+            if event == CycleCompleted(expected.cycle_index):  # a cycle of which only the end was seen
+                self._inbox.put(event)
+                return
             if isinstance(event, CycleStarted | CycleCompleted):
                 raise CycleSequenceError(f"The robot reports {event} where {expected} is expected.")
-            if self._clock.now_ns() >= deadline:
+            if self._holding.is_due_at_once:
+                deadline = self._wait_out(deadline)
+            elif self._clock.now_ns() >= deadline:
                 raise CycleTimeoutError(
                     f"Cycle {expected.cycle_index} did not {what} within {limit_s:g} s.",
                     hint="Look at the robot's pendant; [robot.cycle] timeout_s is the limit for one cycle.",
                 )
 
+    def _wait_out(self, deadline_ns: int) -> int:
+        """Hold in the middle of a cycle, for the robot stands; return the deadline put off by that time.
+
+        Returns early with each cycle event: it is put back, for whoever waits for it.
+        """
+        began_ns = self._clock.now_ns()
+        self._enter_hold()
+        while self._holding.is_due_at_once:
+            event = self._take_event(self._hold_until_ns)
+            if isinstance(event, CycleStarted | CycleCompleted):
+                self._inbox.put(event)
+                break
+            self._verify_hold()
+        self._leave_hold()
+        return deadline_ns + self._clock.now_ns() - began_ns
+
     def _take_event(self, deadline_ns: int) -> Event | None:
         event = self._inbox.wait(deadline_ns)
+        self._guards.poll(self._progress.n_completed, self._progress.n_cycles)
         match event:
             case Fault(error):
                 raise error
@@ -186,11 +266,35 @@ class RunEngine:
                 raise _Aborted
             case StopRequested():
                 self._progress.stop_requested = True
-                self._progress.note = "Stopping after this cycle. Press Ctrl-C again to abort now."
-            case ProgramPaused(detail):
-                self._progress.note = f"{detail} Resume it at the pendant, or press Ctrl-C twice to abort."
+            case ConditionRaised(condition):
+                self._take_condition(condition)
+            case ConditionCleared(kind):
+                self._holding.remove(kind)
+        self._progress.note = self._describe()
         self._refresh()
         return event
+
+    def _take_condition(self, condition: Condition) -> None:
+        if condition.stops_robot and self._progress.cycle_started_ns >= 0:
+            self._interrupt(condition.host_ns, condition.text)
+        self._holding.add(condition)
+        self._progress.stop_requested |= bool(self._holding.stop_reason)
+
+    def _interrupt(self, host_ns: int, detail: str) -> None:
+        """Mark the cycle under way, once."""
+        cycle_index = self._progress.n_completed
+        if cycle_index not in self._interrupted:
+            self._interrupted.add(cycle_index)
+            self._record(CycleEvent(host_ns, CycleEventKind.INTERRUPTED, cycle_index, detail=detail[:500]))
+
+    def _describe(self) -> str:
+        stopping = (
+            "Stopping after this cycle. Press Ctrl-C again to abort now." if self._progress.stop_requested else ""
+        )
+        note = self._holding.note
+        if note and self._states.state is not RunState.HOLDING:
+            note = f"No further cycle for now: {note}"
+        return " ".join(part for part in (note, self._holding.stop_reason if not note else "", stopping) if part)
 
     def _deadline(self, limit_s: float) -> int:
         """At a scaled clock a machine still needs its own time to answer, so the longer of both counts."""
@@ -200,21 +304,42 @@ class RunEngine:
         done, wanted = self._progress.n_completed, self._progress.n_cycles
         stopped = done < wanted
         reason = (
-            f"stopped by the operator after {done} of {wanted} cycles"
+            f"stopped {self._find_stopper()} after {done} of {wanted} cycles"
             if stopped
             else f"{done} of {wanted} cycles completed"
         )
-        self._watcher.disarm()
+        self._disarm()
         self._states.enter(RunState.STOPPING, reason)
-        self._program.stop()
+        self._stop_program()
         return Ending(ExitStatus.ABORT if stopped else ExitStatus.SUCCESS, reason)
 
-    def _end_now(self, reason: str) -> Ending:
+    def _find_stopper(self) -> str:
+        cause = self._holding.stop_reason
+        return f"by the policy for this: {cause.rstrip('.')};" if cause else "by the operator"
+
+    def _stop_program(self) -> None:
+        """Stop the program; if it will not, it waits for a grant that does not come, and the cycles are driven anyway.
+
+        A program that waits for no grant goes on, so there it is an error.
+        """
+        try:
+            self._program.stop()
+        except BenchError as error:
+            if not self._is_granted:
+                raise
+            text = f"The robot program was not stopped and waits for its next cycle: {error}"
+            self._progress.warnings.append(text)
+            self._record(LogEntry(self._clock.now_ns(), Severity.WARN, "run", text))
+
+    def _disarm(self) -> None:
         self._watcher.disarm()
+        self._guards.disarm()
+
+    def _end_now(self, reason: str) -> Ending:
+        self._disarm()
         self._states.abort(reason)
         if self._progress.cycle_started_ns >= 0:
-            cycle_index = self._progress.n_completed
-            self._record(CycleEvent(self._clock.now_ns(), CycleEventKind.INTERRUPTED, cycle_index, detail=reason[:500]))
+            self._interrupt(self._clock.now_ns(), reason)
         with contextlib.suppress(BenchError):  # the first error counts; a stop that fails does not hide it
             self._stream.grant_cycles(0)
         with contextlib.suppress(BenchError):

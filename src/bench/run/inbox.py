@@ -7,16 +7,18 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from bench.errors import BenchError
+from bench.run.conditions import Condition, ConditionKind
 from bench.timing import Clock, patience_ns
 
 __all__ = [
     "AbortRequested",
+    "ConditionCleared",
+    "ConditionRaised",
     "CycleCompleted",
     "CycleStarted",
     "Event",
     "Fault",
     "Inbox",
-    "ProgramPaused",
     "QueueInbox",
     "StopRequested",
 ]
@@ -40,10 +42,17 @@ class CycleCompleted:
 
 
 @dataclass(frozen=True, slots=True)
-class ProgramPaused:
-    """The robot program is paused: by its pendant, by a protective or a safeguard stop."""
+class ConditionRaised:
+    """Something is not as the run needs it; again, when the advice on it has changed."""
 
-    detail: str
+    condition: Condition
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionCleared:
+    """It is as the run needs it again."""
+
+    kind: ConditionKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +72,7 @@ class AbortRequested:
     """The operator wants the run to end now (second Ctrl-C)."""
 
 
-Event = CycleStarted | CycleCompleted | ProgramPaused | Fault | StopRequested | AbortRequested
+Event = CycleStarted | CycleCompleted | ConditionRaised | ConditionCleared | Fault | StopRequested | AbortRequested
 
 
 class Inbox(Protocol):

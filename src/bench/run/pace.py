@@ -22,6 +22,8 @@ class PaceWatch:
     def __init__(self, clock: Clock) -> None:
         self._tolerated_ns = patience_ns(clock, TOLERATED_S)
         self._earliest: tuple[int, int] | None = None
+        self.lag_ns = 0
+        """Lag of the newest sample, nanoseconds of the run's clock."""
         self.largest_lag_ns = 0
         """Worst lag so far beyond any possible drift, nanoseconds of the run's clock."""
 
@@ -30,10 +32,11 @@ class PaceWatch:
         delay = arrival_ns - device_ns
         if self._earliest is None or delay < self._earliest[0] or device_ns < self._earliest[1]:
             self._earliest = (delay, device_ns)
+            self.lag_ns = 0
             return
         lag = delay - self._earliest[0] - LARGEST_DRIFT * (device_ns - self._earliest[1])
-        if lag > self.largest_lag_ns:
-            self.largest_lag_ns = round(lag)
+        self.lag_ns = max(round(lag), 0)
+        self.largest_lag_ns = max(self.largest_lag_ns, self.lag_ns)
 
     @property
     def is_behind(self) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import threading
 import uuid
@@ -19,6 +20,7 @@ from bench.run.about import describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
+from bench.run.holding import Holding
 from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
 from bench.run.preflight import Item, check_bench, verify_items
 from bench.run.simulator import SimulatorProcess
@@ -162,7 +164,15 @@ class _Session:
         self._states.enter(RunState.CONNECTING)
         _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
         writer = self._writer
-        links = BenchLinks(self._config, self._clock, self._inbox, writer.put, writer.note_missed)
+        links = BenchLinks(
+            self._config,
+            self._clock,
+            self._inbox,
+            writer.put,
+            writer.note_missed,
+            free_bytes=lambda: shutil.disk_usage(self._path.parent).free,
+            written=lambda: writer.bytes_written,
+        )
         for info in links.open(self._closing):
             writer.add_device(info)
             self._view.say(f"connected: {info.device} {info.kind} {info.address} {info.version}".rstrip())
@@ -187,12 +197,14 @@ class _Session:
             links.program,
             links.stream,
             links.watcher,
+            links.guards,
+            Holding(self._config.policy, self._clock, self._writer.put, lambda: links.program.check(robot.program)),
             self._inbox,
             self._states,
             self._clock,
             self._writer.put,
             self._progress,
-            RunLimits(cycle_s=robot.cycle.timeout_s),
+            RunLimits(cycle_s=robot.cycle.timeout_s, hold_s=self._config.policy.hold_timeout_s),
             refresh=lambda: self._view.update(self._progress, self._writer, links, self._clock),
             is_granted=robot.cycle.is_granted,
         )
@@ -225,7 +237,7 @@ class _Session:
             self._writer.stats,
             self._writer.bytes_written,
             sum(durations_ns) * 1e-9,
-            [*self._warnings, *self._closing.notes],
+            [*self._warnings, *self._progress.warnings, *self._closing.notes],
         )
 
 

@@ -35,6 +35,7 @@ class RunView:
         self._live: Live | None = None
         self._drawn_ns = 0
         self._cycle_said = -1
+        self._note_said = ""
 
     def say(self, text: str) -> None:
         """Show one line of news."""
@@ -61,6 +62,7 @@ class RunView:
         """Redraw, if it is time to."""
         pause_s = REDRAW_S if self._live else PLAIN_LINE_S
         now_ns = clock.now_ns()
+        self._say_note(progress.note)
         due = now_ns - self._drawn_ns >= patience_ns(clock, pause_s)
         finished = progress.n_completed == progress.n_cycles and self._cycle_said != progress.n_completed
         if not due and not finished:
@@ -72,6 +74,12 @@ class RunView:
         else:
             line = f"cycle {_cycle_line(progress)}; time left {_time_left(progress, clock)}; {_losses(writer)}"
             self._console.print(line, highlight=False, soft_wrap=True)
+
+    def _say_note(self, note: str) -> None:
+        """Print what the operator must do when it is news: in a terminal it stays above the live table as well."""
+        if note and note != self._note_said:
+            self._console.print(note, style="bold yellow", highlight=False, markup=False, soft_wrap=True)
+        self._note_said = note
 
 
 def _draw(progress: RunProgress, writer: RunWriter, links: BenchLinks, clock: RunClock) -> RenderableType:

@@ -1,18 +1,18 @@
-"""Watches the robot's state stream for what the engine must know: cycles, pauses, stops. Every package is seen."""
+"""Watches the robot's state stream for its cycles. Every package is seen."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
 
-from bench.errors import CycleSequenceError, DeviceStateError
-from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RobotState, Severity
-from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault, ProgramPaused
+from bench.errors import CycleSequenceError
+from bench.model import CycleEvent, CycleEventKind, Record, RobotState
+from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
 
 __all__ = ["PLAYING", "CycleWatcher", "safety_text"]
 
-STOPPED, PLAYING, PAUSED = 1, 2, 4
-"""UR runtime states (UR RTDE guide)."""
+PLAYING = 2
+"""UR runtime state (UR RTDE guide)."""
 SAFETY_TEXTS = {
     1: "normal",
     2: "reduced",
@@ -65,7 +65,6 @@ class CycleWatcher:
         self._before = state
         if before is not None:
             self._watch_cycles(before, state)
-            self._watch_program(before, state)
 
     def _watch_cycles(self, before: RobotState, state: RobotState) -> None:
         step = state.cycle_count - before.cycle_count
@@ -80,19 +79,6 @@ class CycleWatcher:
 
     def _mark(self, kind: CycleEventKind, state: RobotState, cycle_index: int) -> None:
         self._record(CycleEvent(state.capture_ns, kind, cycle_index, state.controller_time_s))
-
-    def _watch_program(self, before: RobotState, state: RobotState) -> None:
-        if state.runtime_state == before.runtime_state:
-            return
-        safety = safety_text(state.safety_status)
-        if state.runtime_state == PAUSED:
-            text = f"The robot program is paused in cycle {state.cycle_count} (safety: {safety})."
-            self._record(LogEntry(state.capture_ns, Severity.WARN, "robot", text))
-            self._notify(ProgramPaused(text))
-        elif state.runtime_state == STOPPED:
-            text = f"The robot program stopped by itself in cycle {state.cycle_count} (safety: {safety})."
-            hint = "See the robot's pendant for the reason, clear it there, and start a new run."
-            self._notify(Fault(DeviceStateError(text, hint=hint)))
 
 
 def _jumped(before: RobotState, state: RobotState) -> CycleSequenceError:

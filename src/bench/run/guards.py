@@ -1,0 +1,263 @@
+"""Watch what the devices send, and the disk, for conditions a run must not go on in. They judge; the engine acts.
+
+The robot's and the tracker's guard are fed by reader threads, all are asked by the engine's. None ever commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from bench.config import PolicyConfig
+from bench.errors import DeviceError, DiskFullError, LinkLostError
+from bench.model import RobotState
+from bench.run.conditions import ROBOT_STOPS, Condition, ConditionKind
+from bench.run.inbox import ConditionCleared, ConditionRaised, Event
+from bench.run.watcher import PLAYING, safety_text
+from bench.timing import Clock, patience_ns
+
+__all__ = ["Guards"]
+
+STOPPED, PAUSED = 1, 4
+"""UR runtime states (UR RTDE guide)."""
+SAFETY_KINDS = {
+    3: ConditionKind.PROTECTIVE_STOP,
+    5: ConditionKind.SAFEGUARD_STOP,
+    12: ConditionKind.SAFEGUARD_STOP,
+    13: ConditionKind.SAFEGUARD_STOP,
+    6: ConditionKind.EMERGENCY_STOP,
+    7: ConditionKind.EMERGENCY_STOP,
+    8: ConditionKind.EMERGENCY_STOP,
+    9: ConditionKind.EMERGENCY_STOP,
+}
+"""By UR safety status (UR RTDE guide); a violation and a fault end the program as an emergency stop does."""
+ADVICE = {
+    ConditionKind.PROTECTIVE_STOP: "Look at robot and cable, clear the stop at the pendant, resume the program there.",
+    ConditionKind.SAFEGUARD_STOP: "Close the safeguard; if the program stays paused, resume it at the pendant.",
+    ConditionKind.EMERGENCY_STOP: "Clear it at the robot, then go on with --resume.",
+    ConditionKind.PROGRAM_PAUSED: "Resume it at the pendant, or press Ctrl-C twice to abort.",
+    ConditionKind.PROGRAM_REPLACED: "See the pendant for the reason, clear it there, then go on with --resume.",
+}
+RESUME_ADVICE = "Resume the program at the pendant."
+SLIDER_STEP = 0.005
+"""The slider moves in whole per cents."""
+LAG_WINDOW_S = 1.0
+"""Machine time in which one package in good time is enough: only a link that queues is late with all of them."""
+DISK_PERIOD_S = 1.0
+FORECAST_CYCLES = 5
+"""Cycles measured before the run's size is foretold: the file grows in steps of one second."""
+
+Notify = Callable[[Event], None]
+
+
+class Switch:
+    """Tells each change of one judgement, once."""
+
+    def __init__(self, notify: Notify) -> None:
+        self._notify = notify
+        self.told: Condition | None = None
+
+    def set(self, condition: Condition | None) -> None:
+        """Tell `condition` if it is news; None: that there is none any more."""
+        before, self.told = self.told, condition
+        if before is not None and (condition is None or condition.kind is not before.kind):
+            self._notify(ConditionCleared(before.kind))
+        if condition is not None and (
+            before is None or (before.kind, before.advice) != (condition.kind, condition.advice)
+        ):
+            self._notify(ConditionRaised(condition))
+
+
+class RobotGuard:
+    """Safety stops, pauses, and the speed slider, from the robot's state stream."""
+
+    def __init__(self, notify: Notify) -> None:
+        self._stop = Switch(notify)
+        self._slider = Switch(notify)
+        self._speed_fraction = float("nan")
+
+    def begin(self, state: RobotState | None) -> None:
+        """Take the present slider as the one the run is made with."""
+        self._speed_fraction = float("nan") if state is None else state.speed_fraction
+
+    def update(self, state: RobotState) -> None:
+        self._stop.set(self._judge_stop(state))
+        self._slider.set(self._judge_slider(state))
+
+    def _judge_stop(self, state: RobotState) -> Condition | None:
+        kind = SAFETY_KINDS.get(state.safety_status)
+        if kind is not None:
+            return _stopped(kind, state, f"{_capital(safety_text(state.safety_status))} in cycle {{cycle}}.")
+        if state.runtime_state == STOPPED:
+            return _stopped(ConditionKind.PROGRAM_REPLACED, state, "The robot program stopped in cycle {cycle}.")
+        told = self._stop.told
+        if told is not None and told.kind in ROBOT_STOPS and state.runtime_state not in (PLAYING, -1):
+            if told.kind is ConditionKind.PROGRAM_PAUSED:
+                return told
+            text = f"The {told.kind.replace('_', ' ')} is cleared, but the program is still paused."
+            return Condition(told.kind, state.capture_ns, text, RESUME_ADVICE)
+        if state.runtime_state == PAUSED:
+            return _stopped(ConditionKind.PROGRAM_PAUSED, state, "The robot program was paused in cycle {cycle}.")
+        return None
+
+    def _judge_slider(self, state: RobotState) -> Condition | None:
+        if not abs(state.speed_fraction - self._speed_fraction) > SLIDER_STEP:
+            return None
+        text = f"The speed slider was moved from {self._speed_fraction:.0%} to {state.speed_fraction:.0%}."
+        advice = f"Put the speed slider back to {self._speed_fraction:.0%}."
+        return Condition(ConditionKind.SLIDER_MOVED, state.capture_ns, text, advice)
+
+
+class LinkGuard:
+    """Silence of the tracker, and a robot whose packages come late: by our own receive clock."""
+
+    def __init__(self, policy: PolicyConfig, clock: Clock, notify: Notify) -> None:
+        self._clock = clock
+        self._silence_s = policy.tracker_silence_s
+        self._residual_ms = policy.clock_residual_ms
+        self._tracker = Switch(notify)
+        self._residual = Switch(notify)
+        self._frame_ns = 0
+        self._window: tuple[int, int] | None = None
+
+    def update_tracker(self, arrival_ns: int) -> None:
+        self._frame_ns = arrival_ns
+
+    def update_lag(self, lag_ns: int, arrival_ns: int) -> None:
+        """Take one package's lag behind the controller's own clock into account.
+
+        At a scaled clock a lag is this machine's, which cannot keep up: the run warns of that at its end.
+        """
+        if self._clock.speed != 1.0:
+            return
+        began_ns, least_ns = self._window or (arrival_ns, lag_ns)
+        least_ns = min(least_ns, lag_ns)
+        if arrival_ns - began_ns < patience_ns(self._clock, LAG_WINDOW_S):
+            self._window = (began_ns, least_ns)
+            return
+        self._window = None
+        self._residual.set(self._judge_lag(least_ns, arrival_ns))
+
+    def _judge_lag(self, least_ns: int, arrival_ns: int) -> Condition | None:
+        if least_ns <= self._residual_ms * 1e6:
+            return None
+        text = f"The robot's packages come {least_ns * 1e-6:.0f} ms late, more than {self._residual_ms:g} ms."
+        advice = "Look at the network and at what else this machine does; it goes on when they come in time."
+        return Condition(ConditionKind.CLOCK_RESIDUAL, arrival_ns, text, advice, DeviceError)
+
+    def poll(self) -> None:
+        now_ns = self._clock.now_ns()
+        if now_ns - self._frame_ns <= patience_ns(self._clock, self._silence_s):
+            self._tracker.set(None)
+            return
+        text = f"The tracker has sent no frame for {self._silence_s:g} s."
+        advice = "Check the tracker's streaming, its PC and the network cable; it goes on when frames come again."
+        self._tracker.set(Condition(ConditionKind.TRACKER_SILENT, now_ns, text, advice, LinkLostError))
+
+
+class DiskGuard:
+    """Whether the rest of the run fits the disk."""
+
+    def __init__(
+        self,
+        policy: PolicyConfig,
+        clock: Clock,
+        notify: Notify,
+        free_bytes: Callable[[], int],
+        written: Callable[[], int],
+    ) -> None:
+        self._reserve = policy.free_space_mb * 1e6
+        self._clock = clock
+        self._switch = Switch(notify)
+        self._free_bytes = free_bytes
+        self._written = written
+        self._next_ns = 0
+        self._first: tuple[int, int] | None = None
+
+    def poll(self, n_completed: int, n_cycles: int) -> None:
+        """Look at the disk, once a second."""
+        now_ns = self._clock.now_ns()
+        if now_ns < self._next_ns:
+            return
+        self._next_ns = now_ns + patience_ns(self._clock, DISK_PERIOD_S)
+        needed, free = self._reserve + self._foretell(n_completed, n_cycles), self._free_bytes()
+        if free >= needed:
+            self._switch.set(None)
+            return
+        text = (
+            f"The disk has {free / 1e6:.0f} MB free; {needed / 1e6:.0f} MB are needed for the other "
+            f"{n_cycles - n_completed} cycles and a reserve of {self._reserve / 1e6:.0f} MB."
+        )
+        advice = "Free some space on the disk of the run file."
+        self._switch.set(Condition(ConditionKind.DISK_LOW, now_ns, text, advice, DiskFullError))
+
+    def _foretell(self, n_completed: int, n_cycles: int) -> float:
+        written = self._written()
+        if self._first is None:
+            self._first = (n_completed, written)
+        n_before, written_before = self._first
+        if n_completed - n_before < FORECAST_CYCLES:
+            return 0.0
+        return (written - written_before) / (n_completed - n_before) * (n_cycles - n_completed)
+
+
+class Guards:
+    """All guards of a run. While not armed they only remember what they need later.
+
+    Parameters
+    ----------
+    policy : PolicyConfig
+        Limits.
+    clock : Clock
+    notify : callable
+        Told `ConditionRaised` and `ConditionCleared`, from the thread that feeds.
+    free_bytes, written : callable
+        Free space on the run file's disk, and the size of the run file so far.
+    """
+
+    def __init__(
+        self,
+        policy: PolicyConfig,
+        clock: Clock,
+        notify: Notify,
+        free_bytes: Callable[[], int],
+        written: Callable[[], int],
+    ) -> None:
+        self._robot = RobotGuard(notify)
+        self._links = LinkGuard(policy, clock, notify)
+        self._disk = DiskGuard(policy, clock, notify, free_bytes, written)
+        self._latest: RobotState | None = None
+        self._armed = False
+
+    def arm(self) -> None:
+        """Begin to judge."""
+        self._robot.begin(self._latest)
+        self._armed = True
+
+    def disarm(self) -> None:
+        """Stop judging: what comes from here on is not the run's."""
+        self._armed = False
+
+    def update_robot(self, state: RobotState, lag_ns: int) -> None:
+        """Take one robot state, and its lag behind the controller's clock, into account."""
+        self._latest = state
+        if self._armed:
+            self._robot.update(state)
+            self._links.update_lag(lag_ns, state.arrival_ns)
+
+    def update_tracker(self, arrival_ns: int) -> None:
+        """Take the arrival of a frame into account."""
+        self._links.update_tracker(arrival_ns)
+
+    def poll(self, n_completed: int, n_cycles: int) -> None:
+        """Judge what shows by its absence; from the engine's thread."""
+        if self._armed:
+            self._links.poll()
+            self._disk.poll(n_completed, n_cycles)
+
+
+def _stopped(kind: ConditionKind, state: RobotState, text: str) -> Condition:
+    return Condition(kind, state.capture_ns, text.format(cycle=state.cycle_count), ADVICE[kind])
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
