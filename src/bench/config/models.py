@@ -121,11 +121,17 @@ class CycleConfig(Section):
 class RobotConfig(Section):
     """The robot controller."""
 
-    kind: Literal["ur"] = Field("ur", description="Universal Robots: state by RTDE, program by the dashboard.")
+    kind: Literal["ur"] = Field("ur", description="Universal Robots: state by RTDE, program as program_control says.")
     host: str = Field(min_length=1, description="Address of the controller.")
     program: str = Field(min_length=1, description="Program on the controller, such as bend_test.urp.")
     rate_hz: float = Field(500.0, ge=1, le=500, description="State samples a second; CB3 controllers give 125.")
     rtde_port: int = Field(30004, ge=1, le=65535, description="Port of the state stream.")
+    program_control: Literal["auto", "dashboard", "robot_api"] = Field(
+        "auto",
+        description="Who loads, starts and stops the program. 'auto': PolyScope X (version 10 and later) by its Robot "
+        "API, CB3 and PolyScope 5 by their dashboard.",
+    )
+    robot_api_port: int = Field(80, ge=1, le=65535, description="HTTP port of PolyScope X, where its Robot API is.")
     cycle: CycleConfig = Field(default_factory=CycleConfig)
 
 
@@ -247,6 +253,11 @@ class AnalysisConfig(Section):
 class SimulationConfig(Section):
     """The simulated bench. Its presence makes ``bench run`` start it; a real bench has no such table."""
 
+    controller: Literal["e-series", "cb3", "polyscope-x"] = Field(
+        "e-series",
+        description="The simulated robot's controller: PolyScope 5; a CB3, 125 Hz and without remote control; or "
+        "PolyScope X, its Robot API on [robot] robot_api_port instead of a dashboard.",
+    )
     seed: int = Field(1, ge=0, description="The same seed gives the same misses, ghosts and noise.")
     cycle_s: float = Field(2.0, gt=0.1, le=3600, description="Duration of one pass along the path.")
     tracker_rate_hz: float = Field(100.0, gt=0, le=1000, description="Exposures a second.")

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from functools import partial
 
 from bench.analysis import CycleFollower, make_cycle_source
 from bench.config import Config, RobotConfig, TrackerConfig
+from bench.drivers.base import ProgramControl
 from bench.drivers.robot import make_program_control, make_state_stream
 from bench.drivers.tracker import make_tracker
 from bench.errors import BenchError, ConfigError, PreflightError
@@ -51,6 +53,9 @@ class BenchLinks:
         Free space on the run file's disk, and the size of the run file so far.
     """
 
+    program: ProgramControl
+    """Loads, starts and stops the program; there once the robot is open, for its version decides which it is."""
+
     def __init__(
         self,
         config: Config,
@@ -63,8 +68,8 @@ class BenchLinks:
         written: Callable[[], int] = int,
     ) -> None:
         robot, tracker = require_devices(config)
+        self._robot_config, self._clock = robot, clock
         self._inbox = inbox
-        self._clock = clock
         self._record = record
         self.watcher = CycleWatcher(inbox.put, record)
         source = make_cycle_source(robot.cycle)
@@ -82,7 +87,6 @@ class BenchLinks:
             reconnect_s=0.0 if config.policy.robot_link_lost == "abort" else config.policy.hold_timeout_s,
         )
         self.tracker = make_tracker(tracker, clock, on_missed=on_missed)
-        self.program = make_program_control(robot, clock)
 
     def open(self, closing: Closing) -> list[DeviceInfo]:
         """Connect to everything, and report everything that cannot be reached at once.
@@ -96,10 +100,9 @@ class BenchLinks:
         """
         closing.add("the robot's state stream", self.stream.close)
         closing.add("the tracker", self.tracker.close)
-        closing.add("the robot's dashboard", self.program.close)
         infos: list[DeviceInfo] = []
         failures: list[BenchError] = []
-        for connect in (self._open_robot, self._open_tracker):
+        for connect in (partial(self._open_robot, closing), self._open_tracker):
             try:
                 infos.append(connect())
             except BenchError as error:
@@ -110,8 +113,10 @@ class BenchLinks:
             raise PreflightError([str(error) for error in failures], exit_code=failures[0].exit_code)
         return infos
 
-    def _open_robot(self) -> DeviceInfo:
+    def _open_robot(self, closing: Closing) -> DeviceInfo:
         info = self.stream.open(self._take_robot_record)
+        self.program = make_program_control(self._robot_config, self._clock, controller_version=info.version)
+        closing.add("the robot's program control", self.program.close)
         self.program.open()
         return info
 

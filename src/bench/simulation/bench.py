@@ -17,7 +17,7 @@ from bench.simulation.program import PathProgram
 from bench.simulation.scene import Scene, make_layout
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.truth import TruthWriter
-from bench.simulation.ur import UrController
+from bench.simulation.ur import KINDS, ControllerKind, UrController
 from bench.timing import Clock
 
 __all__ = ["SimulatedBench"]
@@ -32,8 +32,7 @@ FREE_REST_S = 0.05
 """Rest between the cycles of a program that waits for no grant: 6 samples at 125 Hz."""
 DATA_PORT = 1511
 DASHBOARD_PORT = 29999
-CB3_RATE_HZ = 125.0
-E_SERIES_RATE_HZ = 500.0
+SLOW_RATE_HZ = 125.0
 
 
 class SimulatedBench:
@@ -94,7 +93,7 @@ class SimulatedBench:
                 self._truth.discard()
             raise
         robot, tracker = self._robot_config, self._tracker_config
-        robot_ports = f"rtde={robot.rtde_port} dashboard={DASHBOARD_PORT}"
+        robot_ports = " ".join(f"{name}={port}" for name, port in self.robot.ports.items())
         tracker_ports = f"command={tracker.command_port} data={DATA_PORT}"
         return [
             f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
@@ -125,14 +124,14 @@ class SimulatedBench:
 
     def _make_robot(self, robot: RobotConfig, started_ns: int) -> UrController:
         clock = DeviceClock(started_ns, round(ROBOT_S_AT_START * 1e9), 1e9, self._simulation.robot_clock_ppm)
-        cycle = robot.cycle
+        cycle, kind = robot.cycle, KINDS[self._simulation.controller]
         return UrController(
             robot.host,
             self.program,
             self.scheduler,
             self._clock,
             controller_clock=clock,
-            rate_hz=_controller_rate_hz(robot.rate_hz),
+            rate_hz=_controller_rate_hz(robot.rate_hz, kind),
             grant_register=cycle.grant_register if cycle.is_granted else None,
             counter_register=cycle.counter_register,
             running_register=cycle.running_register,
@@ -142,6 +141,8 @@ class SimulatedBench:
             remote_control=self._simulation.remote_control,
             rtde_port=robot.rtde_port,
             dashboard_port=DASHBOARD_PORT,
+            robot_api_port=robot.robot_api_port,
+            kind=kind,
         )
 
     def _make_tracker(self, tracker: TrackerConfig, started_ns: int) -> NatNetServer:
@@ -158,9 +159,9 @@ class SimulatedBench:
         )
 
 
-def _controller_rate_hz(asked_hz: float) -> float:
-    """Return the tick of a CB3 where that gives the asked rate, as it costs a quarter of an e-Series'."""
-    return CB3_RATE_HZ if CB3_RATE_HZ % asked_hz == 0.0 else E_SERIES_RATE_HZ
+def _controller_rate_hz(asked_hz: float, kind: ControllerKind) -> float:
+    """Return a quarter of the controller's tick where that gives the asked rate, as it costs a quarter."""
+    return SLOW_RATE_HZ if SLOW_RATE_HZ % asked_hz == 0.0 else kind.rate_hz
 
 
 def _open_truth(path: Path | None, config: Config, cable: Cable) -> TruthWriter | None:

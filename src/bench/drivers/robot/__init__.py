@@ -14,6 +14,9 @@ from bench.timing import Clock
 
 __all__ = ["make_program_control", "make_state_stream"]
 
+FIRST_POLYSCOPE_X = 10
+"""Major version; CB3 is 3, PolyScope 5 is 5. From here on there is a Robot API in place of the dashboard."""
+
 
 def make_state_stream(
     config: RobotConfig,
@@ -48,8 +51,26 @@ def make_state_stream(
     raise ConfigError(f"There is no state stream for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
 
 
-def make_program_control(config: RobotConfig, clock: Clock) -> ProgramControl:
-    """Return the program control of the configured robot, not yet open."""
+def make_program_control(config: RobotConfig, clock: Clock, *, controller_version: str = "") -> ProgramControl:
+    """Return the program control of the configured robot, not yet open.
+
+    Parameters
+    ----------
+    config : RobotConfig
+        The robot.
+    clock : Clock
+        Paces the polling.
+    controller_version : str, optional
+        What the state stream told of itself (`DeviceInfo.version`): decides where `program_control` is 'auto'.
+    """
     if config.kind == "ur":
-        return UrDashboardProgram(config, clock)
+        return _make_ur_program(config, clock, controller_version)
     raise ConfigError(f"There is no program control for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
+
+
+def _make_ur_program(config: RobotConfig, clock: Clock, version: str) -> ProgramControl:
+    major = version.partition(".")[0]
+    is_polyscope_x = major.isdecimal() and int(major) >= FIRST_POLYSCOPE_X
+    if config.program_control == "robot_api" or (config.program_control == "auto" and is_polyscope_x):
+        return RobotApiProgram(config, clock)
+    return UrDashboardProgram(config, clock)

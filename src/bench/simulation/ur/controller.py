@@ -9,9 +9,12 @@ from bench.simulation.device_clock import DeviceClock
 from bench.simulation.program import PathProgram
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.ur.dashboard import DashboardSession
+from bench.simulation.ur.http import HttpSession
+from bench.simulation.ur.kinds import E_SERIES, ControllerKind
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.network import ServerThread
+from bench.simulation.ur.network import ServerThread, Session
 from bench.simulation.ur.outbox import Outbox
+from bench.simulation.ur.rest import RobotApi
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
 from bench.timing import Clock, patience_ns
 
@@ -44,8 +47,10 @@ class UrController:
         Output that shows the cycles: high on the path, or in its first part only if `output_pulses`.
     remote_control : bool
         Whether the robot is in remote control.
-    rtde_port, dashboard_port : int
-        The real controller's ports.
+    rtde_port, dashboard_port, robot_api_port : int
+        The real controller's ports; PolyScope X has the last instead of the second.
+    kind : ControllerKind
+        Generation of the controller.
     """
 
     def __init__(
@@ -66,11 +71,13 @@ class UrController:
         remote_control: bool = True,
         rtde_port: int = 30004,
         dashboard_port: int = 29999,
+        robot_api_port: int = 80,
+        kind: ControllerKind = E_SERIES,
     ) -> None:
         registers = CycleRegisters(
             grant_register, counter_register, running_register, phase_register, digital_output, output_pulses
         )
-        self.machine = Machine(program, registers, rate_hz)
+        self.machine = Machine(program, registers, rate_hz, kind)
         self.remote_control = remote_control
         """May be switched while clients are connected; each keeps the permission it had when it connected."""
         self._host = host
@@ -78,7 +85,9 @@ class UrController:
         self._clock = clock
         self._controller_clock = controller_clock
         self._rate_hz = rate_hz
-        self._ports = (rtde_port, dashboard_port)
+        control = {"dashboard": dashboard_port} if kind.has_dashboard else {"robot_api": robot_api_port}
+        self.ports = {"rtde": rtde_port} | control
+        """What is served, and where."""
         self._rtde = RtdeServer(self.machine, rate_hz)
         self._network: ServerThread | None = None
         self._is_open = False
@@ -93,9 +102,14 @@ class UrController:
             A port is already in use.
         """
         network = ServerThread(patience_ns(self._clock, CUT_OFF_S))
+        welcome: dict[str, Callable[[Outbox], Session]] = {
+            "rtde": self._welcome_rtde,
+            "dashboard": self._welcome_dashboard,
+            "robot_api": self._welcome_robot_api,
+        }
         try:
-            network.listen(self._host, self._ports[0], self._welcome_rtde)
-            network.listen(self._host, self._ports[1], self._welcome_dashboard)
+            for name, port in self.ports.items():
+                network.listen(self._host, port, welcome[name])
         except BaseException:
             network.close()
             raise
@@ -138,3 +152,7 @@ class UrController:
         return DashboardSession(
             self.machine, outbox, self.run_later, self._clock.now_ns, is_remote=lambda: self.remote_control
         )
+
+    def _welcome_robot_api(self, outbox: Outbox) -> HttpSession:
+        api = RobotApi(self.machine, self.run_later, self._clock.now_ns, is_remote=lambda: self.remote_control)
+        return HttpSession(outbox, api.answer)

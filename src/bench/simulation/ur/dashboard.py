@@ -9,9 +9,8 @@ from collections.abc import Callable
 
 from bench.simulation.ur.machine import Machine
 from bench.simulation.ur.outbox import Outbox
-from bench.simulation.ur.rtde import SOFTWARE_VERSION
 
-__all__ = ["DashboardSession"]
+__all__ = ["EFFECT_DELAY_NS", "DashboardSession", "Effect"]
 
 Effect = Callable[[int], None]
 
@@ -62,7 +61,7 @@ class DashboardSession:
         self._schedule = schedule
         self._now_ns = now_ns
         self._is_remote = is_remote
-        self._has_control = is_remote()
+        self._has_control = is_remote() or not machine.kind.has_remote_control
         self._line = b""
         self._queries = self._make_queries()
         self._commands = self._make_commands()
@@ -97,9 +96,9 @@ class DashboardSession:
         return self._load(text.split(maxsplit=1)[1]) if is_load else self._commands[command]()
 
     def _make_queries(self) -> dict[str, Callable[[], str]]:
-        major, minor, bugfix, build = SOFTWARE_VERSION
         machine = self._machine
-        return {
+        major, minor, bugfix, build = machine.kind.version
+        queries: dict[str, Callable[[], str]] = {
             "running": lambda: f"Program running: {str(machine.program.state == 'PLAYING').lower()}",
             "programstate": self._program_state,
             "robotmode": lambda: f"Robotmode: {machine.robot_mode.name}",
@@ -111,6 +110,9 @@ class DashboardSession:
             "get serial number": lambda: SERIAL_NUMBER,
             "get robot model": lambda: "UR5",
         }
+        if not machine.kind.has_remote_control:
+            del queries["is in remote control"]
+        return queries
 
     def _make_commands(self) -> dict[str, Callable[[], str]]:
         machine = self._machine

@@ -29,12 +29,10 @@ from bench.simulation.ur.machine import Machine
 from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.variables import INPUT_TYPES, OUTPUT_TYPES
 
-__all__ = ["SOFTWARE_VERSION", "RtdeServer", "RtdeSession"]
+__all__ = ["RtdeServer", "RtdeSession"]
 
 logger = logging.getLogger(__name__)
 
-SOFTWARE_VERSION = (5, 15, 0, 126652)
-"""PolyScope 5.15, an e-Series controller."""
 LARGEST_RECIPE_ID = 255
 
 
@@ -133,7 +131,7 @@ class RtdeSession:
         self._reply(PackageType.PROTOCOL_VERSION, encode_accepted(is_known))
 
     def _tell_version(self, _payload: bytes) -> None:
-        self._reply(PackageType.CONTROLLER_VERSION, encode_controller_version(SOFTWARE_VERSION))
+        self._reply(PackageType.CONTROLLER_VERSION, encode_controller_version(self._server.machine.kind.version))
 
     def _set_up_outputs(self, payload: bytes) -> None:
         """Set up a recipe in the place of any earlier one; one unknown name refuses the whole of it."""

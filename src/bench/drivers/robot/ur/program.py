@@ -14,22 +14,17 @@ from typing import Any
 
 from bench.config import RobotConfig
 from bench.drivers.robot.ur.dashboard_line import LineDashboard
+from bench.drivers.robot.ur.effect import EFFECT_LIMIT_S, LOAD_LIMIT_S, SAFETY_HINT, wait_for_effect
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
-from bench.timing import Clock, patience_ns
+from bench.timing import Clock
 
 __all__ = ["UrDashboardProgram"]
 
 CONNECT_TIMEOUT_MS = 2000
-POLL_S = 0.05
-EFFECT_LIMIT_S = 10.0
-"""A program starts and stops within a second; a slow controller is given ten times that."""
-LOAD_LIMIT_S = 60.0
-"""Loading a program may load its installation too, which takes up to half a minute."""
 REMOTE_CONTROL_SINCE = (5, 6)
 """First software with remote control (dashboard server manual); CB3 has none."""
 SAFETY_STATUS_SINCE = (5, 4)
 REMOTE_HINT = "Switch the robot to Remote Control on the teach pendant, then start again."
-SAFETY_HINT = "Look at the robot and clear the stop on the teach pendant; bench never does that by itself."
 # What ur_rtde's RuntimeError says when its own 2.5 s limit on an answer passes (measured with 1.6.5).
 TIMED_OUT = "operation canceled"
 
@@ -95,7 +90,7 @@ class UrDashboardProgram:
         except Exception as error:
             raise ConnectError(
                 f"The dashboard server of {self._peer} (port 29999) does not answer: {_as_clause(error)}.",
-                hint="Check that the robot has started; PolyScope X has no dashboard server and is not supported.",
+                hint="Check that the robot has started; PolyScope X needs [robot] program_control = 'robot_api'.",
             ) from error
         self._client = client
 
@@ -190,15 +185,7 @@ class UrDashboardProgram:
         self._wait(lambda: self._program_state()[0] == state, command, self._effect_limit_s)
 
     def _wait(self, is_reached: Callable[[], bool], command: str, limit_s: float) -> None:
-        """Poll until the effect is seen: the controller replies before it acts."""
-        limit_ns = self._clock.now_ns() + patience_ns(self._clock, limit_s)
-        while not is_reached():
-            if self._clock.now_ns() > limit_ns:
-                raise DeviceTimeoutError(
-                    f"The {self._peer} accepted to {command} but has not done so after {limit_s:g} s.",
-                    hint="Look at the teach pendant: a question or a message may be waiting there.",
-                )
-            self._clock.sleep_until_ns(self._clock.now_ns() + patience_ns(self._clock, POLL_S))
+        wait_for_effect(self._clock, self._peer, command, is_reached, limit_s)
 
     def _call(self, command: str, method: str, *arguments: str) -> Any:
         """Call ur_rtde and turn whatever it raises into one of our errors.
