@@ -133,3 +133,40 @@ def test_a_damaged_file_is_read_or_refused_but_never_crashes(line: int, inserted
         parse_config("\n".join(lines), "damaged.toml")
     except ConfigError as error:
         assert "damaged.toml" in str(error)
+
+
+OUTPUT_3 = 'source = "digital_output"\ndigital_output = 3\n'
+
+
+def with_cycle(keys: str) -> str:
+    """Return the simulated bench's configuration with another ``[robot.cycle]``."""
+    before, _, after = simulated_config_text().partition("[robot.cycle]")
+    return f"{before}[robot.cycle]\n{keys}\n[{after.partition('[')[2]}"
+
+
+@pytest.mark.parametrize(
+    ("keys", "fault"),
+    [
+        ('source = "digital_output"', "needs digital_output = N"),
+        ("digital_output = 3", "belongs to source = 'digital_output'"),
+        ('source = "joint_return"\ndigital_output_mode = "pulse"', "belongs to source = 'digital_output'"),
+        ("joint_tolerance_deg = 1.0", "belongs to source = 'joint_return'"),
+        (f'{OUTPUT_3}digital_output_mode = "pulse"\ngrant = true', "grant = true"),
+        ("grant = false", "a program that counts waits for its grant"),
+    ],
+)
+def test_a_key_of_another_cycle_source_is_refused_rather_than_ignored(keys: str, fault: str) -> None:
+    with pytest.raises(ConfigError, match=fault):
+        parse_config(with_cycle(keys), "bench.toml")
+
+
+def test_only_a_program_that_counts_is_granted_its_cycles_unless_it_says_so() -> None:
+    keys = 'source = "joint_return"\nstart_joints_deg = [0, -90, 90, 0, 90, 0]\n'
+    for more, granted in (("", False), ("grant = true\n", True)):
+        config = parse_config(with_cycle(keys + more), "bench.toml")
+        assert config.robot is not None
+        assert config.robot.cycle.is_granted is granted
+        assert parse_config(to_toml(config), "again") == config
+    robot = simulated_config().robot
+    assert robot is not None
+    assert robot.cycle.is_granted

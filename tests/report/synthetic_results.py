@@ -68,6 +68,7 @@ def make_cycles(frames: FrameColumns, n_cycles: int, per_cycle: int) -> CycleCol
     return CycleColumns(
         cycle_index=np.arange(n_cycles),
         start_ns=start,
+        start_from=["motion"] * n_cycles,
         end_ns=start + int(CYCLE_S * 1e9),
         duration_s=np.full(n_cycles, CYCLE_S),
         n_frames=np.full(n_cycles, per_cycle),

@@ -16,6 +16,7 @@ from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
 from bench.analysis.sources import CycleFollower, CycleSource, RobotSigns, count_cycles, make_cycle_source
+from bench.analysis.starts import refine_starts
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 
 __all__ = [
@@ -64,6 +65,7 @@ __all__ = [
     "match_body",
     "phase_from_register",
     "phase_from_time",
+    "refine_starts",
     "sort_by_chain",
     "spread_frames",
     "summarise_cycles",

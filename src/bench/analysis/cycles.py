@@ -58,6 +58,10 @@ class CycleTable:
         chosen = self.duration_s[self.complete] if self.complete.any() else self.duration_s
         return float(np.median(chosen)) if len(chosen) else float("nan")
 
+    def take(self, rows: Bools) -> CycleTable:
+        """Return the table of some of its rows (C,)."""
+        return CycleTable(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
     def locate(self, host_ns: Ints) -> Ints:
         """Return the row of the cycle that holds each moment, -1 outside any: start <= moment < end."""
         row = np.searchsorted(self.start_ns, host_ns, side="right") - 1

@@ -70,6 +70,16 @@ class CycleSource(Protocol):
     """Reads from a robot's samples where it is in its cycle."""
 
     @property
+    def name(self) -> str:
+        """What it goes by, in the report."""
+        ...
+
+    @property
+    def accuracy(self) -> str:
+        """How well it knows when a cycle starts and ends, in one sentence."""
+        ...
+
+    @property
     def ends_at_next(self) -> bool:
         """Whether the next start ends a cycle; else waiting does."""
         ...
@@ -99,6 +109,14 @@ class DigitalOutput:
     ends_at_next: bool = False
     """Whether the program only pulses."""
 
+    @property
+    def name(self) -> str:
+        return f"digital output {self.number}, {'pulses' if self.ends_at_next else 'high on the path'}"
+
+    @property
+    def accuracy(self) -> str:
+        return "starts and ends are known to one robot sample; an edge that no sample shows is a cycle lost"
+
     def places(self, signs: RobotSigns, before: RobotSigns) -> Ints:  # noqa: ARG002 - a level needs no history
         return np.asarray(signs.digital_outputs >> self.number & 1, dtype=np.int64)
 
@@ -115,6 +133,14 @@ class JointReturn:
     start_rad: tuple[float, ...] | None = None
     """Joints at the start of the path; None: where the robot stood in the last sample before the program played."""
     ends_at_next: bool = False
+
+    @property
+    def name(self) -> str:
+        return f"joints' return to the start pose within {np.rad2deg(self.tolerance_rad):g}°"
+
+    @property
+    def accuracy(self) -> str:
+        return f"a cycle ends when the last joint is slower than {REST_RAD_S:g} rad/s, about 10 ms before it stands"
 
     def places(self, signs: RobotSigns, before: RobotSigns) -> Ints:
         start = before.q_rad[0] if self.start_rad is None else np.array(self.start_rad)

@@ -14,6 +14,7 @@ from bench.analysis import (
     judge_cycles,
     phase_from_register,
     phase_from_time,
+    refine_starts,
     summarise_cycles,
     whole_take,
 )
@@ -33,6 +34,8 @@ class PlacedFrames:
     """Each of F frames in its cycle."""
 
     table: CycleTable
+    refined: npt.NDArray[np.bool_]
+    """(C,): whether a cycle's start is that of the joints' motion."""
     verdicts: CycleVerdicts
     row: Ints
     """(F,): row of the cycle in `table`, -1 outside any."""
@@ -43,15 +46,29 @@ class PlacedFrames:
     method: str
 
 
-def place_frames(frames: TrackerFrames, robot: RobotSamples | None, config: AnalysisConfig) -> PlacedFrames:
+def place_frames(
+    frames: TrackerFrames, robot: RobotSamples | None, config: AnalysisConfig, n_driven: int | None = None
+) -> PlacedFrames:
     """Find the cycles, judge them, and say of every frame in which cycle and where in it it was taken.
 
-    By the robot's counter; without a robot, or if so configured, the whole recording is cycle 0.
+    As the robot shows them; without a robot, or if so configured, the whole recording is cycle 0.
+
+    Parameters
+    ----------
+    frames : TrackerFrames
+    robot : RobotSamples or None
+    config : AnalysisConfig
+    n_driven : int, optional
+        Cycles of the run; what a program that waits for no grant began after them is none of it.
     """
     if robot is None or config.cycles == "whole":
         table, method = _whole_recording(frames), "whole take"
+        refined = np.zeros(len(table.cycle_index), dtype=bool)
     else:
-        table, method = find_cycles(robot.counter), "robot's counter"
+        table = find_cycles(robot.counter)
+        table = table if n_driven is None else table.take(table.cycle_index < n_driven)
+        table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
+        method = robot.source.name if robot.source else "robot's counter"
     row = table.locate(frames.time_ns)
     phase = phase_from_register(table, robot.counter, row, frames.time_ns) if robot and method != "whole take" else None
     if phase is None:
@@ -62,7 +79,7 @@ def place_frames(frames: TrackerFrames, robot: RobotSamples | None, config: Anal
     index[row >= 0] = table.cycle_index[row[row >= 0]]
     robot_gaps = robot.gaps if robot else None
     verdicts = judge_cycles(table, np.sort(frames.time_ns), frames.gaps, robot_gaps, config.slow_cycle_ratio)
-    return PlacedFrames(table, verdicts, row, index, phase, f"{method}, {how}")
+    return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
 
 
 def describe_cycles(placed: PlacedFrames, traced: TracedCable) -> CycleColumns:
@@ -82,6 +99,7 @@ def describe_cycles(placed: PlacedFrames, traced: TracedCable) -> CycleColumns:
     return CycleColumns(
         cycle_index=table.cycle_index,
         start_ns=table.start_ns,
+        start_from=["motion" if is_refined else "signal" for is_refined in placed.refined],
         end_ns=table.end_ns,
         duration_s=table.duration_s,
         n_frames=bends.n_frames,

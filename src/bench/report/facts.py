@@ -9,13 +9,18 @@ from importlib.metadata import version
 
 import numpy as np
 
+from bench.analysis import make_cycle_source
 from bench.config import Config, to_toml
-from bench.recording import Run
+from bench.model import RunState
+from bench.recording import STATE, Run
 from bench.report.outcome import UNFINISHED, RunEnd
 from bench.report.results import CycleColumns
 from bench.report.source import TrackerFrames
 
-__all__ = ["find_versions", "hash_config", "read_run_end", "state_facts"]
+__all__ = ["count_driven", "find_versions", "hash_config", "read_run_end", "state_facts"]
+
+
+COUNTER_ACCURACY = "starts and ends are known to one robot sample, and no count can be lost"
 
 
 def hash_config(config: Config) -> str:
@@ -38,6 +43,17 @@ def read_run_end(run: Run) -> RunEnd:
     return RunEnd(run.exit_status, reason)
 
 
+def count_driven(run: Run, config: Config) -> int | None:
+    """Return the cycles of a run whose program waits for no grant, and so begins another before it is stopped.
+
+    None where no cycle can be too many, and where the run did not end in good order: then all that was recorded counts.
+    """
+    if config.robot is None or config.robot.cycle.is_granted or RunState.STOPPING not in run[STATE].state:
+        return None
+    completed = run.metadata.get("bench.cycles", {}).get("completed", "")
+    return int(completed) if completed.isdecimal() else None
+
+
 def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: Config) -> dict[str, str]:
     """Return what was run, in the order shown; what is not known is left out."""
     recorded = run.metadata.get("bench.run", {})
@@ -51,6 +67,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Frames": f"{len(frames)}",
         "Cable": _cable(config),
         "Program": config.robot.program if config.robot else "",
+        "Cycle source": _cycle_source(config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
         "Recorded on": recorded.get("host_name", ""),
         "Run id": recorded.get("run_id", ""),
@@ -60,6 +77,15 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
             word for word in (device.kind, device.version, f"at {device.address}" if device.address else "") if word
         )
     return {name: text for name, text in facts.items() if text}
+
+
+def _cycle_source(config: Config) -> str:
+    if config.robot is None:
+        return ""
+    source = make_cycle_source(config.robot.cycle)
+    name, accuracy = (source.name, source.accuracy) if source else ("robot's counter", COUNTER_ACCURACY)
+    granted = "" if config.robot.cycle.is_granted else "; not granted one by one"
+    return f"{name}: {accuracy}{granted}"
 
 
 def _start(utc: str) -> str:

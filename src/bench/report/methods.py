@@ -35,6 +35,10 @@ CURVATURE = {
 CYCLES = {
     "counter": "The robot's own counter says which cycle a moment belongs to; phase is the share of the cycle's time "
     "that has passed, or the place on the path where the program reports it.",
+    "digital output": "The edges of a digital output say which cycle a moment belongs to, each to one robot sample. An "
+    "edge that no sample shows, for the stream had a gap or the pulse was shorter than a sample, is a cycle lost.",
+    "joints' return": "A cycle is the time from leaving the start pose to being back in it and at rest. A path that "
+    "rests at its start pose half-way is counted as two cycles.",
     "whole": "No robot: the whole take counts as cycle 0, and phase is the share of its time that has passed.",
 }
 OTHERWISE = "No figures for this method are kept with this report."

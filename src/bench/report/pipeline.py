@@ -14,7 +14,7 @@ from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
-from bench.report.facts import find_versions, hash_config, read_run_end, state_facts
+from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.markers import find_chain_start
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
@@ -61,7 +61,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     load_topics(run)
     source = make_cycle_source(config.robot.cycle) if config.robot else None
     frames, robot = read_frames(run), read_robot(run, source)
-    placed = place_frames(frames, robot, config.analysis)
+    placed = place_frames(frames, robot, config.analysis, count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)
     traced = trace_cable(frames, start, config)
     cycles = describe_cycles(placed, traced)

@@ -46,6 +46,8 @@ class CycleColumns:
 
     cycle_index: Ints
     start_ns: Ints
+    start_from: list[str]
+    """`motion`: the last sample before the joints moved; `signal`: as the robot showed it."""
     end_ns: Ints
     duration_s: Floats
     n_frames: Ints

@@ -68,7 +68,11 @@ class TrackerFrames:
 class RobotSamples:
     """The robot's own account of its cycles."""
 
+    source: CycleSource | None
+    """None where the program counts its cycles itself."""
     counter: CounterColumns
+    speed_rad_s: Floats
+    """(n,): of the fastest joint, for each of the samples in `counter`; NaN where unknown."""
     gaps: Gaps
     clocks: list[ClockFinding]
 
@@ -123,7 +127,8 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     counter = CounterColumns(host, count, running, phase, runtime_state)
     # the field and not the message's own number, which is 32 bits wide
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
-    return RobotSamples(counter, gaps, _findings("robot", clock))
+    speed_rad_s = np.abs(signs.qd_rad_s).max(axis=1, initial=0.0)
+    return RobotSamples(source, counter, speed_rad_s, gaps, _findings("robot", clock))
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:

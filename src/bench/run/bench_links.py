@@ -71,8 +71,8 @@ class BenchLinks:
         self._robot_config, self._clock = robot, clock
         self._inbox = inbox
         self._record = record
-        self.watcher = CycleWatcher(inbox.put, record)
         source = make_cycle_source(robot.cycle)
+        self.watcher = CycleWatcher(inbox.put, record, ends_at_next=source is not None and source.ends_at_next)
         self._follower = None if source is None else CycleFollower(source)
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()

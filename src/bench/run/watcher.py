@@ -38,7 +38,11 @@ class CycleWatcher:
     Called from the state stream's reader thread. While not `armed` it only remembers the latest state.
     """
 
-    def __init__(self, notify: Callable[[Event], None], record: Callable[[Record], None]) -> None:
+    def __init__(
+        self, notify: Callable[[Event], None], record: Callable[[Record], None], *, ends_at_next: bool = False
+    ) -> None:
+        self._ends_at_next = ends_at_next
+        """Whether the next start ends a cycle; else a running mark that outlives the count is an old one."""
         self._notify = notify
         self._record = record
         self._before: RobotState | None = None
@@ -73,7 +77,7 @@ class CycleWatcher:
             self._notify(CycleCompleted(before.cycle_count))
         elif step != 0:
             self._notify(Fault(_jumped(before, state)))
-        if state.cycle_running == 1 and before.cycle_running != 1:
+        if state.cycle_running == 1 and (before.cycle_running != 1 or (step == 1 and self._ends_at_next)):
             self._mark(CycleEventKind.STARTED, state, state.cycle_count)
             self._notify(CycleStarted(state.cycle_count))
 
