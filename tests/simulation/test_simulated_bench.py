@@ -231,3 +231,18 @@ def test_the_bench_lives_in_the_time_it_is_given(tmp_path):
     now = clock.now_ns()
     assert len(times) > 0
     assert np.all((times < now) & (times > now - 10 * PATIENCE_S * 1e9))
+
+
+def test_an_admin_port_is_named_and_obeyed():
+    config = make_config(49)
+    simulation = config.simulation.model_copy(update={"admin_port": 30099})
+    bench = SimulatedBench(config.model_copy(update={"simulation": simulation}), RunClock.start())
+    try:
+        robot_line = bench.open()[0]
+        with socket.create_connection(("127.0.33.49", 30099), PATIENCE_S) as link, link.makefile("r") as answers:
+            link.sendall(b"local on\ntracker_stall 0.1\n")
+            assert [answers.readline(), answers.readline()] == ["ok\n", "ok\n"]
+        assert bench.robot.remote_control is False
+    finally:
+        bench.close()
+    assert robot_line.endswith("dashboard=29999 admin=30099 program=bend_test.urp")

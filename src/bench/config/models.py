@@ -273,6 +273,9 @@ class SimulationConfig(Section):
     remote_control: bool = Field(
         True, description="False: the controller is in local mode, as when its pendant is in use."
     )
+    admin_port: int = Field(
+        0, ge=0, le=65535, description="Port on the robot's address that takes commands for faults; 0: none."
+    )
 
 
 class Config(Section):

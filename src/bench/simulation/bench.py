@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.config import Config, RobotConfig, SimulationConfig, TrackerConfig
 from bench.errors import ConfigError
+from bench.simulation.admin import AdminServer
 from bench.simulation.cable import Cable
 from bench.simulation.device_clock import DeviceClock
 from bench.simulation.natnet import NatNetServer
@@ -71,6 +72,7 @@ class SimulatedBench:
         started_ns = clock.now_ns()
         self.robot = self._make_robot(config.robot, started_ns)
         self.tracker = self._make_tracker(config.tracker, started_ns)
+        self._admin = self._make_admin()
 
     def open(self) -> list[str]:
         """Bind all ports and return one line for each device that serves.
@@ -87,6 +89,8 @@ class SimulatedBench:
         try:
             self.robot.open()
             self.tracker.open()
+            if self._admin is not None:
+                self._admin.open()
         except BaseException:
             self._close_devices()
             if self._truth is not None:
@@ -94,6 +98,8 @@ class SimulatedBench:
             raise
         robot, tracker = self._robot_config, self._tracker_config
         robot_ports = " ".join(f"{name}={port}" for name, port in self.robot.ports.items())
+        if self._admin is not None:
+            robot_ports += f" admin={self._simulation.admin_port}"
         tracker_ports = f"command={tracker.command_port} data={DATA_PORT}"
         return [
             f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
@@ -117,6 +123,8 @@ class SimulatedBench:
                 self._truth.close()
 
     def _close_devices(self) -> None:
+        if self._admin is not None:
+            self._admin.close()
         try:
             self.tracker.close()
         finally:
@@ -144,6 +152,12 @@ class SimulatedBench:
             robot_api_port=robot.robot_api_port,
             kind=kind,
         )
+
+    def _make_admin(self) -> AdminServer | None:
+        port = self._simulation.admin_port
+        if port == 0:
+            return None
+        return AdminServer(self._robot_config.host, port, self.robot, self.tracker, self._clock)
 
     def _make_tracker(self, tracker: TrackerConfig, started_ns: int) -> NatNetServer:
         ppm = self._simulation.tracker_clock_ppm

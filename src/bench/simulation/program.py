@@ -103,6 +103,12 @@ class PathProgram:
             self._state = "STOPPED"
             self._restart = False
 
+    def reset(self) -> None:
+        """Be as after start-up, the robot where it is: stopped, nothing counted. The thread that ticks."""
+        self.stop()
+        self._rest_here()
+        self._count = 0
+
     def tick(self, host_ns: int, granted: int, speed_factor: float = 1.0) -> None:
         """Finish and begin what is due: one step of the controller.
 

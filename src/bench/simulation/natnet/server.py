@@ -20,7 +20,7 @@ from bench.simulation.natnet.clients import Address, Clients
 from bench.simulation.natnet.packets import APP_VERSIONS, Stamps, make_frame, make_models
 from bench.simulation.scene import Scene
 from bench.simulation.scheduler import Scheduler
-from bench.timing import Clock
+from bench.timing import Clock, patience_ns
 
 __all__ = ["NatNetServer"]
 
@@ -108,6 +108,7 @@ class NatNetServer:
         self._thread: threading.Thread | None = None
         self._first_period = 0
         self._last_departure_ns = 0
+        self._silent_until_ns = 0
         self.n_exposed = 0
         """Exposures so far."""
         self.n_sent = 0
@@ -147,6 +148,10 @@ class NatNetServer:
         if self._socket is not None:
             self._socket.close()
             self._socket = None
+
+    def stall(self, duration_s: float) -> None:
+        """Send and answer nothing for a while of the machine's own time; what was due then never comes. Any thread."""
+        self._silent_until_ns = self._clock.now_ns() + patience_ns(self._clock, duration_s)
 
     @property
     def address(self) -> Address:
@@ -203,7 +208,7 @@ class NatNetServer:
 
     def _send(self, packet: bytes, address: Address) -> bool:
         link = self._socket
-        if link is None or self._stopping.is_set():
+        if link is None or self._stopping.is_set() or self._clock.now_ns() < self._silent_until_ns:
             return False
         try:
             link.sendto(packet, address)

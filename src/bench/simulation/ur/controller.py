@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from bench.simulation.device_clock import DeviceClock
 from bench.simulation.program import PathProgram
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.ur.dashboard import DashboardSession
+from bench.simulation.ur.faults import LinkFaults, wait_for
 from bench.simulation.ur.http import HttpSession
 from bench.simulation.ur.kinds import E_SERIES, ControllerKind
 from bench.simulation.ur.machine import CycleRegisters, Machine
@@ -90,6 +92,7 @@ class UrController:
         """What is served, and where."""
         self._rtde = RtdeServer(self.machine, rate_hz)
         self._network: ServerThread | None = None
+        self._faults: LinkFaults | None = None
         self._is_open = False
         self._tick_number = 0
 
@@ -114,6 +117,7 @@ class UrController:
             network.close()
             raise
         self._network = network
+        self._faults = LinkFaults(network, self._rtde, self._scheduler, self._clock)
         self._is_open = True
         ticks_now = self._controller_clock.ticks_at(self._clock.now_ns())
         self._tick_number = math.ceil(ticks_now / self._controller_clock.ticks_per_s * self._rate_hz)
@@ -126,9 +130,30 @@ class UrController:
         if self._network is not None:
             self._network.close()
 
+    @property
+    def faults(self) -> LinkFaults:
+        """What may go wrong with the links of a controller that serves."""
+        if self._faults is None:
+            raise RuntimeError("the controller is not open")
+        return self._faults
+
     def run_later(self, delay_ns: int, effect: Callable[[int], None]) -> None:
         """Run `effect(host_ns)` on the scheduler's thread after a delay of the clock."""
         self._scheduler.call_at(self._clock.now_ns() + delay_ns, effect)
+
+    def act(self, effect: Callable[[int], None]) -> None:
+        """Run `effect(host_ns)` on the scheduler's thread and return when it is done; any thread but that."""
+        wait_for(lambda action: self.run_later(0, lambda _host_ns: action()), lambda: effect(self._clock.now_ns()))
+
+    def reboot(self) -> None:
+        """Switch off and on: all connections end, the controller's time begins at 0, the robot is powered off."""
+        self.act(self._reboot)
+        self.faults.drop(abruptly=False)
+
+    def _reboot(self, host_ns: int) -> None:
+        self.machine.reboot(host_ns)
+        self._controller_clock = replace(self._controller_clock, host_origin_ns=host_ns, ticks_origin=0)
+        self._tick_number = 0
 
     def _schedule_tick(self) -> None:
         controller_clock = self._controller_clock
@@ -139,7 +164,8 @@ class UrController:
         if not self._is_open:
             return
         self.machine.tick(self._tick_number, due_ns)
-        self._rtde.send_packages(self._tick_number, self._clock.now_ns())
+        if self.faults.lets_pass():
+            self._rtde.send_packages(self._tick_number, self._clock.now_ns())
         self._tick_number += 1
         self._schedule_tick()
 

@@ -134,13 +134,12 @@ class DashboardSession:
         return reply
 
     def _program_state(self) -> str:
-        name = self._machine.program.name if self._machine.loaded else "<unnamed>"
-        return f"{self._machine.program.state} {name}"
+        return f"{self._machine.program.state} {self._machine.loaded_name or '<unnamed>'}"
 
     def _loaded_program(self) -> str:
-        if not self._machine.loaded:
+        if not self._machine.loaded_name:
             return "No program loaded"
-        return f"Loaded program: {PROGRAM_FOLDER}{self._machine.program.name}"
+        return f"Loaded program: {PROGRAM_FOLDER}{self._machine.loaded_name}"
 
     def _load(self, name: str) -> str:
         if name.removeprefix(PROGRAM_FOLDER) != self._machine.program.name:

@@ -93,6 +93,8 @@ class Machine:
         self.program = program
         self.kind = kind
         self.loaded = False
+        self._foreign = ""
+        self._goes_on = False
         self.values = initial_values()
         self._grant_name = None if registers.grant is None else f"input_int_register_{registers.grant}"
         self._output_bit = 0 if registers.digital_output is None else 1 << registers.digital_output
@@ -102,6 +104,11 @@ class Machine:
         self._phase_name = None if registers.phase is None else f"output_double_register_{registers.phase}"
         self._rate_hz = rate_hz
         self._stopped_ns = 0
+
+    @property
+    def loaded_name(self) -> str:
+        """Name of the program that is loaded, ours or another; empty if none is."""
+        return self.program.name if self.loaded else self._foreign
 
     @property
     def robot_mode(self) -> RobotMode:
@@ -178,12 +185,24 @@ class Machine:
     def pause(self, _host_ns: int) -> None:
         self.program.pause()
 
+    def resume(self, _host_ns: int) -> None:
+        """Do what a person at the pendant does after a pause."""
+        if self.program.state == "PAUSED" and self.can_play:
+            self.program.play()
+
     def stop(self, _host_ns: int) -> None:
         self.program.stop()
 
     def load(self, _host_ns: int) -> None:
         self.program.stop()
         self.loaded = True
+        self._foreign = ""
+
+    def load_foreign(self, name: str) -> None:
+        """Do what a person at the pendant does who loads another program: ours ends. That one cannot be played."""
+        self.program.stop()
+        self.loaded = False
+        self._foreign = name
 
     def protective_stop(self, host_ns: int) -> None:
         """Do what a collision does: the program is paused until a person has looked and unlocked."""
@@ -199,6 +218,20 @@ class Machine:
         if self.safety_status == SafetyStatus.PROTECTIVE_STOP:
             self._set_safety(SafetyStatus.NORMAL)
 
+    def safeguard_stop(self, _host_ns: int) -> None:
+        """Do what an opened door does: the program pauses until the door is closed."""
+        if self.safety_status in MOVING_STATUSES:
+            self._goes_on = self.program.state == "PLAYING"
+            self._set_safety(SafetyStatus.SAFEGUARD_STOP)
+            self.program.pause()
+
+    def safeguard_release(self, _host_ns: int) -> None:
+        """Close the door: the program goes on by itself, as a controller without a reset button has it."""
+        if self.safety_status == SafetyStatus.SAFEGUARD_STOP:
+            self._set_safety(SafetyStatus.NORMAL)
+            if self._goes_on:
+                self.program.play()
+
     def emergency_stop(self, host_ns: int) -> None:
         """Do what the red button does: power off, program stopped."""
         self._set_safety(SafetyStatus.ROBOT_EMERGENCY_STOP)
@@ -207,6 +240,17 @@ class Machine:
     def restart_safety(self, host_ns: int) -> None:
         self._set_safety(SafetyStatus.NORMAL)
         self.power_off(host_ns)
+
+    def move_slider(self, fraction: float) -> None:
+        """Do what a person at the pendant does with the speed slider."""
+        self.values["target_speed_fraction"] = fraction
+
+    def reboot(self, _host_ns: int) -> None:
+        """Be as after switching off and on: power off, nothing loaded, every register 0."""
+        self.program.reset()
+        self.loaded = False
+        self._foreign = ""
+        self.values.update(initial_values(), robot_mode=int(RobotMode.POWER_OFF))
 
     def power_off(self, _host_ns: int) -> None:
         self.program.stop()

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import selectors
 import socket
+import struct
 import threading
+from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -15,6 +18,8 @@ from bench.simulation.ur.outbox import Outbox
 __all__ = ["ServerThread", "Session"]
 
 RECEIVE_BYTES = 65_536
+NO_LINGER = struct.pack("ii", 1, 0)
+"""SO_LINGER: closing sends RST instead of FIN."""
 
 
 class Session(Protocol):
@@ -25,6 +30,16 @@ class Session(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class _NoSession:
+    """A client that is accepted and never answered."""
+
+    def receive(self, _data: bytes) -> bool:
+        return True
+
+    def close(self) -> None:
+        """Nothing was kept."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +70,10 @@ class ServerThread:
         self._wake_receive, self._wake_send = socket.socketpair()
         self._selector.register(self._wake_receive, selectors.EVENT_READ)
         self._thread: threading.Thread | None = None
+        self._calls: deque[Callable[[], None]] = deque()
+        self._asleep: list[selectors.SelectorKey] = []
+        self.is_half_open = False
+        """Whether clients that connect from now on are accepted and never answered."""
 
     def listen(self, host: str, port: int, welcome: Callable[[Outbox], Session]) -> None:
         """Open a port; `welcome` makes the session of each client that connects.
@@ -93,6 +112,37 @@ class ServerThread:
         else:
             self._thread.join()
 
+    def call(self, action: Callable[[], None]) -> None:
+        """Run `action` on this thread soon. May be called from any thread; does nothing once closed."""
+        self._calls.append(action)
+        with suppress(OSError):
+            self._wake_send.send(b"!")
+
+    def sleep(self) -> None:
+        """Neither accept nor read until `wake`; on this thread (see `call`)."""
+        for key in list(self._selector.get_map().values()):
+            if key.data is not None:
+                self._selector.unregister(key.fileobj)
+                self._asleep.append(key)
+
+    def wake(self) -> None:
+        """Go on after `sleep`; on this thread."""
+        asleep, self._asleep = self._asleep, []
+        for key in asleep:
+            self._selector.register(key.fileobj, key.events, key.data)
+
+    def drop_clients(self, *, abruptly: bool) -> None:
+        """Close every connection, by RST if `abruptly`; on this thread. The ports stay open."""
+        was_asleep = bool(self._asleep)
+        self.wake()
+        for key in list(self._selector.get_map().values()):
+            if isinstance(key.data, _Client):
+                if abruptly:
+                    key.data.socket.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, NO_LINGER)
+                self._drop(key.data)
+        if was_asleep:
+            self.sleep()
+
     def _run(self) -> None:
         try:
             while self._serve_once():
@@ -103,7 +153,11 @@ class ServerThread:
     def _serve_once(self) -> bool:
         for key, _ in self._selector.select():
             if key.data is None:
-                return False
+                if not self._wake_receive.recv(RECEIVE_BYTES):
+                    return False
+                while self._calls:
+                    self._calls.popleft()()
+                return True  # what was selected may be gone
             if isinstance(key.data, _Listener):
                 self._accept(key.data)
             else:
@@ -118,7 +172,7 @@ class ServerThread:
         link.setblocking(False)
         link.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         outbox = Outbox(link, self._patience_ns)
-        client = _Client(link, outbox, listener.welcome(outbox))
+        client = _Client(link, outbox, _NoSession() if self.is_half_open else listener.welcome(outbox))
         self._selector.register(link, selectors.EVENT_READ, client)
 
     def _read(self, client: _Client) -> None:
@@ -137,6 +191,7 @@ class ServerThread:
         client.outbox.close()
 
     def _close_all(self) -> None:
+        self.wake()
         for key in list(self._selector.get_map().values()):
             if isinstance(key.data, _Client):
                 self._drop(key.data)

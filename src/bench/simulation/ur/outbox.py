@@ -33,6 +33,7 @@ class Outbox:
         self._lock = threading.Lock()
         self._rest = b""
         self._newest: bytes | None = None
+        self._held: bytes | None = None
         self._full_since_ns: int | None = None
         self.is_cut = False
         """The client is gone, or was cut off; the network's thread closes the socket."""
@@ -46,6 +47,9 @@ class Outbox:
     def send(self, frame: bytes) -> None:
         """Send an answer: never skipped."""
         with self._lock:
+            if self._held is not None:
+                self._held += frame
+                return
             self._rest += frame
             self._flush()
             if len(self._rest) > REPLY_LIMIT_BYTES:
@@ -54,6 +58,9 @@ class Outbox:
     def send_package(self, frame: bytes, now_ns: int) -> None:
         """Send a data package, or keep it instead of the one that waits."""
         with self._lock:
+            if self._held is not None:
+                self._held += frame
+                return
             self._flush()
             if not self._rest:
                 self._rest = frame
@@ -62,6 +69,18 @@ class Outbox:
                 self.skipped += self._newest is not None
                 self._newest = frame
             self._watch(now_ns)
+
+    def hold(self) -> None:
+        """Keep everything, as a network does that is blocked for a moment, until `release`."""
+        with self._lock:
+            self._held = self._held or b""
+
+    def release(self) -> None:
+        """Send at once all that was held."""
+        with self._lock:
+            self._rest += self._held or b""
+            self._held = None
+            self._flush()
 
     def flush(self, now_ns: int) -> None:
         """Try again to send what waits."""

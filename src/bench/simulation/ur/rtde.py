@@ -50,8 +50,8 @@ class RtdeServer:
     def __init__(self, machine: Machine, rate_hz: float) -> None:
         self.machine = machine
         self.rate_hz = rate_hz
-        self.owners: dict[str, RtdeSession] = {}
-        """Who writes each input variable that is claimed; the network's thread only."""
+        self.owners: dict[str, RtdeSession | None] = {}
+        """Who writes each input variable that is claimed, None: a fieldbus; the network's thread only."""
         self._sessions: tuple[RtdeSession, ...] = ()
         self._lock = threading.Lock()
 
@@ -66,6 +66,30 @@ class RtdeServer:
         for name in [name for name, owner in self.owners.items() if owner is session]:
             del self.owners[name]
 
+    def claim(self, name: str) -> None:
+        """Let an input belong to a fieldbus. `ValueError` if there is no such input, or it is claimed."""
+        if name not in INPUT_TYPES:
+            raise ValueError(f"there is no {name}")
+        if name in self.owners:
+            raise ValueError(f"{name} is in use")
+        self.owners[name] = None
+
+    def release(self, name: str) -> None:
+        """End what `claim` began. `ValueError` if it did not."""
+        if name not in self.owners or self.owners[name] is not None:
+            raise ValueError(f"{name} is not held")
+        del self.owners[name]
+
+    def hold_packages(self) -> None:
+        """Keep everything for the clients that are connected until `release_packages`."""
+        for session in self._sessions:
+            session.outbox.hold()
+
+    def release_packages(self) -> None:
+        """Send at once what was held."""
+        for session in self._sessions:
+            session.outbox.release()
+
     def send_packages(self, tick_number: int, now_ns: int) -> None:
         """Send the tick to every client whose turn it is; the scheduler's thread."""
         for session in self._sessions:
@@ -77,7 +101,8 @@ class RtdeSession:
 
     def __init__(self, server: RtdeServer, outbox: Outbox) -> None:
         self._server = server
-        self._outbox = outbox
+        self.outbox = outbox
+        """Takes what is sent to this client."""
         self._splitter = FrameSplitter()
         self._protocol = 1
         self._outputs: Recipe | None = None
@@ -116,12 +141,12 @@ class RtdeSession:
         if self._is_started and recipe is not None and tick_number % self._every == 0:
             values = self._server.machine.values
             payload = recipe.encode([values[name] for name in recipe.names])
-            self._outbox.send_package(encode_frame(PackageType.DATA, payload), now_ns)
-        elif not self._outbox.is_empty:
-            self._outbox.flush(now_ns)
+            self.outbox.send_package(encode_frame(PackageType.DATA, payload), now_ns)
+        elif not self.outbox.is_empty:
+            self.outbox.flush(now_ns)
 
     def _reply(self, kind: PackageType, payload: bytes) -> None:
-        self._outbox.send(encode_frame(kind, payload))
+        self.outbox.send(encode_frame(kind, payload))
 
     def _choose_protocol(self, payload: bytes) -> None:
         version = decode_protocol_version(payload)

@@ -1,0 +1,201 @@
+"""The admin channel of the simulated bench: faults on command, one a line, apart from the robot's own ports."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from bench.simulation.natnet import NatNetServer
+from bench.simulation.ur import UrController
+from bench.simulation.ur.network import ServerThread
+from bench.simulation.ur.outbox import Outbox
+from bench.timing import Clock, patience_ns
+
+__all__ = ["AdminServer"]
+
+PATIENCE_S = 10.0
+"""An admin who does not read the answers is cut off after it."""
+LONGEST_LINE = 1000
+LONGEST_S = 3600.0
+MOST_TICKS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class _Command:
+    arguments: str
+    """As `help` shows them; none or one."""
+    meaning: str
+    act: Callable[[str], None]
+
+
+class AdminServer:
+    """Serves the admin port. `open` and `close` as the devices have it.
+
+    Parameters
+    ----------
+    host, port : str, int
+        Where to listen: the robot's address, and a port that is none of the robot's.
+    robot, tracker : UrController or other, NatNetServer
+        What obeys; a robot that is no UR controller has no commands.
+    clock : Clock
+        For the limits.
+    """
+
+    def __init__(self, host: str, port: int, robot: object, tracker: NatNetServer, clock: Clock) -> None:
+        self._address = (host, port)
+        self._clock = clock
+        robot_commands = _robot_commands(robot) if isinstance(robot, UrController) else {}
+        self._commands = robot_commands | _tracker_commands(tracker)
+        self._network: ServerThread | None = None
+
+    def open(self) -> None:
+        """Listen. `ConnectError` if the port is in use."""
+        network = ServerThread(patience_ns(self._clock, PATIENCE_S))
+        try:
+            network.listen(*self._address, lambda outbox: _AdminSession(outbox, self._commands))
+        except BaseException:
+            network.close()
+            raise
+        self._network = network
+        network.start()
+
+    def close(self) -> None:
+        """Stop listening. May be called twice."""
+        if self._network is not None:
+            self._network.close()
+
+
+class _AdminSession:
+    """One admin."""
+
+    def __init__(self, outbox: Outbox, commands: dict[str, _Command]) -> None:
+        self._outbox = outbox
+        self._commands = commands
+        self._line = b""
+
+    def receive(self, data: bytes) -> bool:
+        """Obey each whole line; False when the line never ends."""
+        *lines, self._line = (self._line + data).split(b"\n")
+        for line in lines:
+            self._outbox.send(f"{self._answer(line.decode(errors='replace').split())}\n".encode())
+        return len(self._line) <= LONGEST_LINE
+
+    def close(self) -> None:
+        """Forget the admin, for whom nothing is kept; what was commanded stays."""
+
+    def _answer(self, words: list[str]) -> str:
+        if words == ["help"]:
+            return "\n".join([*(_describe(name, command) for name, command in self._commands.items()), "ok"])
+        command = self._commands.get(words[0]) if words else None
+        if command is None:
+            return f"error: there is no '{' '.join(words)[:80]}'; 'help' lists the commands"
+        if len(words) - 1 != bool(command.arguments):
+            return f"error: '{f'{words[0]} {command.arguments}'.strip()}' is expected"
+        try:
+            command.act(words[1] if command.arguments else "")
+        except (ValueError, RuntimeError, TimeoutError) as error:
+            return f"error: {error or 'the simulated bench does not run'}"
+        return "ok"
+
+
+def _describe(name: str, command: _Command) -> str:
+    return f"{f'{name} {command.arguments}'.strip():<24} {command.meaning}"
+
+
+def _robot_commands(robot: UrController) -> dict[str, _Command]:
+    return _link_commands(robot) | _machine_commands(robot)
+
+
+def _link_commands(robot: UrController) -> dict[str, _Command]:
+    return {
+        "stall": _Command(
+            "SECONDS",
+            "nothing is sent, answered or accepted; the samples never come",
+            lambda text: robot.faults.stall(_seconds(text)),
+        ),
+        "burst": _Command(
+            "SECONDS", "samples are held back, then delivered at once", lambda text: robot.faults.burst(_seconds(text))
+        ),
+        "skip": _Command(
+            "N", "the next N samples of the controller never come", lambda text: robot.faults.skip(_count(text))
+        ),
+        "fin": _Command("", "close all connections", lambda _: robot.faults.drop(abruptly=False)),
+        "rst": _Command("", "break all connections", lambda _: robot.faults.drop(abruptly=True)),
+        "half_open": _Command(
+            "on|off", "accept new clients and never answer them", lambda text: robot.faults.set_half_open(_switch(text))
+        ),
+        "hold_register": _Command(
+            "N", "input_int_register_N belongs to another client", lambda text: robot.faults.hold_register(_count(text))
+        ),
+        "release_register": _Command("N", "end that", lambda text: robot.faults.release_register(_count(text))),
+        "reboot": _Command("", "as switched off and on: time 0, powered off, nothing loaded", lambda _: robot.reboot()),
+    }
+
+
+def _machine_commands(robot: UrController) -> dict[str, _Command]:
+    machine = robot.machine
+
+    def set_local(text: str) -> None:
+        robot.remote_control = not _switch(text)
+
+    def set_safeguard(text: str) -> None:
+        robot.act(machine.safeguard_stop if _switch(text) else machine.safeguard_release)
+
+    def move_slider(text: str) -> None:
+        fraction = _fraction(text)
+        robot.act(lambda _: machine.move_slider(fraction))
+
+    return {
+        "protective_stop": _Command("", "as after a collision", lambda _: robot.act(machine.protective_stop)),
+        "safeguard_stop": _Command("on|off", "open or close the door", set_safeguard),
+        "emergency_stop": _Command("", "press the red button", lambda _: robot.act(machine.emergency_stop)),
+        "slider": _Command("FRACTION", "move the speed slider, 0 to 1", move_slider),
+        "local": _Command("on|off", "local mode, on; remote control, off", set_local),
+        "foreign_program": _Command(
+            "NAME",
+            "load another program at the pendant; ours ends",
+            lambda name: robot.act(lambda _: machine.load_foreign(name)),
+        ),
+        "pause": _Command("", "pause the program at the pendant", lambda _: robot.act(machine.pause)),
+        "resume": _Command("", "let it go on", lambda _: robot.act(machine.resume)),
+    }
+
+
+def _tracker_commands(tracker: NatNetServer) -> dict[str, _Command]:
+    return {
+        "tracker_stall": _Command(
+            "SECONDS",
+            "the tracker sends and answers nothing; the frames never come",
+            lambda text: tracker.stall(_seconds(text)),
+        )
+    }
+
+
+def _seconds(text: str) -> float:
+    return _number(text, 0.0, LONGEST_S, "seconds of the machine's own time")
+
+
+def _fraction(text: str) -> float:
+    return _number(text, 0.0, 1.0, "a fraction")
+
+
+def _number(text: str, low: float, high: float, what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = float("nan")
+    if not low <= value <= high:
+        raise ValueError(f"'{text}' is not {what} from {low:g} to {high:g}")
+    return value
+
+
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) > MOST_TICKS:
+        raise ValueError(f"'{text}' is not a number from 0 to {MOST_TICKS}")
+    return int(text)
+
+
+def _switch(text: str) -> bool:
+    if text not in ("on", "off"):
+        raise ValueError(f"'{text}' is neither 'on' nor 'off'")
+    return text == "on"
