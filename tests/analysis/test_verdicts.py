@@ -72,3 +72,10 @@ def test_cycles_that_the_frames_do_not_cover_are_gaps() -> None:
     assert early.verdict == [Verdict.OK, Verdict.OK, Verdict.GAP]
     none = judge_cycles(table, frames[:0], NO_GAPS, None, 1.1)
     assert none.verdict == [Verdict.GAP] * 3
+
+
+def test_a_cycle_in_which_the_robot_was_stopped_is_interrupted_though_it_was_driven_to_its_end() -> None:
+    table = find_cycles(make_robot(4))
+    judged = judge_cycles(table, frames_over(table), NO_GAPS, NO_GAPS, 1.1, {2: "Protective stop in cycle 2."})
+    assert judged.verdict == [Verdict.OK, Verdict.OK, Verdict.INTERRUPTED, Verdict.OK]
+    assert judged.reasons[2] == ["was interrupted, and driven to its end later", "Protective stop in cycle 2"]

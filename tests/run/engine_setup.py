@@ -17,24 +17,31 @@ from bench.timing import ManualClock
 class Setup:
     """An engine that is ready to run `n_cycles`."""
 
-    def __init__(self, n_cycles: int, limits: RunLimits | None = None, policy: PolicyConfig | None = None) -> None:
+    def __init__(
+        self, n_cycles: int, limits: RunLimits | None = None, policy: PolicyConfig | None = None, n_before: int = 0
+    ) -> None:
         self.clock = ManualClock()
         self.robot = FakeRobot(self.clock)
         self.inbox = PumpingInbox(self.robot)
         self.records: list[Record] = []
-        self.watcher = CycleWatcher(self.inbox.put, self.records.append)
+        self.watcher = CycleWatcher(self.inbox.put, self.records.append, n_before)
         self.free_bytes, self.bytes_per_cycle = 10**12, 0
         self.lag_ns = 0
         self.has_frames = True
         policy = policy or PolicyConfig()
         self.guards = Guards(
-            policy, self.clock, self.inbox.put, lambda: self.free_bytes, lambda: self.bytes_per_cycle * self.robot.count
+            policy,
+            self.clock,
+            self.inbox.put,
+            lambda: self.free_bytes,
+            lambda: self.bytes_per_cycle * self.robot.count,
+            n_before,
         )
         self.robot.open(self._take)
         self.states = RunStates(self.clock, self.records.append)
         for state in (RunState.CONNECTING, RunState.CHECKING, RunState.ARMED):
             self.states.enter(state)
-        self.progress = RunProgress(n_cycles)
+        self.progress = RunProgress(n_cycles, n_before)
         self.notes: list[str] = []
         self.engine = RunEngine(
             self.robot,

@@ -24,6 +24,22 @@ def test_a_thousand_cycles_are_each_granted_started_and_completed_once() -> None
     assert setup.progress.n_completed == 1000
 
 
+def test_a_run_that_goes_on_with_another_numbers_on_and_grants_from_one() -> None:
+    setup = Setup(8, n_before=5)
+    assert setup.engine.run().reason == "8 of 8 cycles completed"
+    for kind in (CycleEventKind.GRANTED, CycleEventKind.STARTED, CycleEventKind.COMPLETED):
+        assert setup.kinds(kind) == [5, 6, 7]
+    assert setup.robot.granted == setup.robot.count == 3
+
+
+def test_the_cycle_marked_in_a_run_that_goes_on_has_its_own_number() -> None:
+    setup = Setup(8, n_before=5)
+    setup.robot.at_tick[30] = lambda robot: robot.emergency_stop()
+    with pytest.raises(DeviceStateError, match="in cycle 7"):
+        setup.engine.run()
+    assert setup.kinds(CycleEventKind.INTERRUPTED) == [7]
+
+
 def test_grants_left_by_an_earlier_run_are_withdrawn_before_the_program_plays() -> None:
     setup = Setup(2)
     setup.robot.granted = 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,12 @@ class CycleVerdicts:
 
 
 def judge_cycles(
-    table: CycleTable, frame_ns: Ints, tracker_gaps: Gaps, robot_gaps: Gaps | None, slow_cycle_ratio: float
+    table: CycleTable,
+    frame_ns: Ints,
+    tracker_gaps: Gaps,
+    robot_gaps: Gaps | None,
+    slow_cycle_ratio: float,
+    interrupted: Mapping[int, str] | None = None,
 ) -> CycleVerdicts:
     """Judge every cycle: interrupted before gap, gap before slow, else ok.
 
@@ -41,10 +47,14 @@ def judge_cycles(
         What is missing from both streams; None without a robot.
     slow_cycle_ratio : float
         A cycle longer than this times the median is slow.
+    interrupted : mapping, optional
+        What stopped the robot on its path, by `cycle_index`, though it may have gone on: as recorded in the run.
     """
+    stopped = np.isin(table.cycle_index, list(interrupted or {}))
     findings = [
         (Verdict.INTERRUPTED, ~table.complete, "was not completed"),
         (Verdict.INTERRUPTED, table.complete & ~table.unbroken, "was driven in more than one stretch"),
+        (Verdict.INTERRUPTED, stopped & table.complete, "was interrupted, and driven to its end later"),
         (Verdict.GAP, table.complete & ~table.seen, "has no recorded beginning"),
         (Verdict.GAP, tracker_gaps.touch(table.start_ns, table.end_ns), "tracker frames are missing"),
         (Verdict.GAP, _lacks_frames(table, frame_ns), "the tracker's frames do not cover it"),
@@ -59,6 +69,9 @@ def judge_cycles(
             reasons.setdefault(int(table.cycle_index[row]), []).append(sentence)
             if verdict[row] is Verdict.OK:
                 verdict[row] = kind
+    for cycle_index, detail in (interrupted or {}).items():
+        if cycle_index in reasons and detail:
+            reasons[cycle_index].append(detail.rstrip("."))
     return CycleVerdicts(verdict, reasons)
 
 

@@ -38,17 +38,29 @@ def run(
     truth: Annotated[
         Path | None, typer.Option("--truth", help="Simulated bench: what the simulated tracker knew, as Parquet.")
     ] = None,
+    resume: Annotated[
+        Path | None,
+        typer.Option(
+            "--resume", help="Go on with the interrupted run of this file, in a new one; --cycles is the total."
+        ),
+    ] = None,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen; touch nothing.")] = False,
 ) -> None:
     """Preflight, drive N cycles, record, stop. Ctrl-C once: stop after this cycle. Twice: abort now."""
-    settings = config_or_simulated(config)
+    from bench.run import read_origin, verify_origin
+
+    origin = read_origin(resume) if resume else None
+    settings = origin.config if origin and config is None else config_or_simulated(config)
     from rich.console import Console
 
     from bench.run import RunOptions, RunView, describe_plan
     from bench.run import run as run_bench
 
-    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth)
+    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth, origin=origin)
     if dry_run:
+        if origin is not None:
+            verify_origin(origin, settings, cycles)
+            print(origin.describe())
         for line in describe_plan(settings, options):
             print(line)
         return

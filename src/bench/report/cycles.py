@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,7 @@ from bench.analysis import (
 )
 from bench.config import AnalysisConfig
 from bench.report.results import CycleColumns
-from bench.report.source import RobotSamples, TrackerFrames
+from bench.report.source import CycleAccount, RobotSamples, TrackerFrames
 from bench.report.trace import TracedCable
 
 __all__ = ["PlacedFrames", "describe_cycles", "place_frames"]
@@ -47,7 +47,11 @@ class PlacedFrames:
 
 
 def place_frames(
-    frames: TrackerFrames, robot: RobotSamples | None, config: AnalysisConfig, n_driven: int | None = None
+    frames: TrackerFrames,
+    robot: RobotSamples | None,
+    config: AnalysisConfig,
+    account: CycleAccount,
+    n_driven: int | None = None,
 ) -> PlacedFrames:
     """Find the cycles, judge them, and say of every frame in which cycle and where in it it was taken.
 
@@ -58,6 +62,7 @@ def place_frames(
     frames : TrackerFrames
     robot : RobotSamples or None
     config : AnalysisConfig
+    account : CycleAccount
     n_driven : int, optional
         Cycles of the run; what a program that waits for no grant began after them is none of it.
     """
@@ -66,9 +71,11 @@ def place_frames(
         refined = np.zeros(len(table.cycle_index), dtype=bool)
     else:
         table = find_cycles(robot.counter)
-        table = table if n_driven is None else table.take(table.cycle_index < n_driven)
+        if n_driven is not None:
+            table = table.take(table.cycle_index + account.first_cycle_index < n_driven)
         table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
         method = robot.source.name if robot.source else "robot's counter"
+    table = replace(table, cycle_index=table.cycle_index + account.first_cycle_index)
     row = table.locate(frames.time_ns)
     phase = phase_from_register(table, robot.counter, row, frames.time_ns) if robot and method != "whole take" else None
     if phase is None:
@@ -78,7 +85,9 @@ def place_frames(
     index = np.full(len(row), -1, dtype=np.int64)
     index[row >= 0] = table.cycle_index[row[row >= 0]]
     robot_gaps = robot.gaps if robot else None
-    verdicts = judge_cycles(table, np.sort(frames.time_ns), frames.gaps, robot_gaps, config.slow_cycle_ratio)
+    verdicts = judge_cycles(
+        table, np.sort(frames.time_ns), frames.gaps, robot_gaps, config.slow_cycle_ratio, account.interrupted
+    )
     return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
 
 

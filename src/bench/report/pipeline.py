@@ -18,7 +18,15 @@ from bench.report.facts import count_driven, find_versions, hash_config, read_ru
 from bench.report.markers import find_chain_start
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
-from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_frames, read_robot
+from bench.report.source import (
+    CycleAccount,
+    RobotSamples,
+    TrackerFrames,
+    load_topics,
+    read_account,
+    read_frames,
+    read_robot,
+)
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
 
@@ -61,7 +69,8 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     load_topics(run)
     source = make_cycle_source(config.robot.cycle) if config.robot else None
     frames, robot = read_frames(run), read_robot(run, source)
-    placed = place_frames(frames, robot, config.analysis, count_driven(run, config))
+    account = read_account(run)
+    placed = place_frames(frames, robot, config.analysis, account, count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)
     traced = trace_cable(frames, start, config)
     cycles = describe_cycles(placed, traced)
@@ -91,7 +100,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
-        warnings=[*start.warnings, *_warn(run, frames, traced, end.exit_status)],
+        warnings=[*start.warnings, *_warn_of_origin(account), *_warn(run, frames, traced, end.exit_status)],
         analysis_s=time.perf_counter() - begin,
     )
 
@@ -152,6 +161,19 @@ def _choose_example(
         sigma_per_m=traced.curve.sigma_per_m[frame],
         up_axis=up_axis,
     )
+
+
+def _warn_of_origin(account: CycleAccount) -> list[str]:
+    if not account.resumed_from:
+        return []
+    text = (
+        f"This run goes on with {account.resumed_from}, after {account.first_cycle_index} completed cycles; "
+        "these are in the report of that file."
+    )
+    if account.n_unrecorded:
+        n = account.n_unrecorded
+        text += f" Of the last {n if n > 1 else 'one'} of them the recording was lost, for bench was killed."
+    return [text]
 
 
 def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str) -> list[str]:

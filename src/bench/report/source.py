@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -19,17 +19,28 @@ from bench.analysis import (
     count_cycles,
     find_gaps,
 )
-from bench.model import ClockSource
-from bench.recording import BODIES, CLOCK, FRAME, POINTS, ROBOT, STATS, Run
+from bench.model import ClockSource, CycleEventKind
+from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding
 
-__all__ = ["BodyPoses", "RobotSamples", "TrackerFrames", "load_topics", "read_frames", "read_robot"]
+__all__ = [
+    "BodyPoses",
+    "CycleAccount",
+    "RobotSamples",
+    "TrackerFrames",
+    "load_topics",
+    "read_account",
+    "read_frames",
+    "read_robot",
+]
 
 Array = npt.NDArray[Any]
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 NS = 1_000_000_000
+RESUMED = "bench.resumed_from"
+"""Metadata of a run that goes on with another."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,9 +88,40 @@ class RobotSamples:
     clocks: list[ClockFinding]
 
 
+@dataclass(frozen=True, eq=False)
+class CycleAccount:
+    """What the run itself noted about its cycles."""
+
+    first_cycle_index: int = 0
+    """Cycles of the runs that this one goes on with."""
+    interrupted: dict[int, str] = field(default_factory=dict)
+    """What stopped the robot on its path, by `cycle_index`."""
+    n_unrecorded: int = 0
+    """Cycles completed in the run before of which the end was not recorded."""
+    resumed_from: str = ""
+    """File of the run before; empty if there is none."""
+
+
 def load_topics(run: Run) -> None:
     """Read all that the analysis needs in one pass over the file."""
-    run.load([ROBOT, FRAME, POINTS, BODIES, CLOCK, STATS])
+    run.load([ROBOT, FRAME, POINTS, BODIES, CLOCK, CYCLE, STATS])
+
+
+def read_account(run: Run) -> CycleAccount:
+    """Read what the run itself noted about its cycles."""
+    events = run[CYCLE]
+    rows = np.flatnonzero(events.kind == CycleEventKind.INTERRUPTED)
+    return CycleAccount(
+        first_cycle_index=_read_count(run, "completed"),
+        interrupted={int(events.cycle_index[row]): str(events.detail[row]) for row in rows},
+        n_unrecorded=max(_read_count(run, "completed") - _read_count(run, "recorded"), 0),
+        resumed_from=run.metadata.get(RESUMED, {}).get("file", ""),
+    )
+
+
+def _read_count(run: Run, key: str) -> int:
+    text = run.metadata.get(RESUMED, {}).get(key, "0")
+    return int(text) if text.isdecimal() else 0
 
 
 def read_frames(run: Run) -> TrackerFrames:

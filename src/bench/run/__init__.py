@@ -2,18 +2,22 @@
 
 from bench.run.plan import describe_plan
 from bench.run.preflight import Item, verify_items
+from bench.run.resume import Origin, read_origin, verify_origin
 from bench.run.session import RunOptions, RunSummary, check, run
 from bench.run.simulator import with_free_addresses
 from bench.run.view import RunView
 
 __all__ = [
     "Item",
+    "Origin",
     "RunOptions",
     "RunSummary",
     "RunView",
     "check",
     "describe_plan",
+    "read_origin",
     "run",
     "verify_items",
+    "verify_origin",
     "with_free_addresses",
 ]

@@ -51,6 +51,8 @@ class BenchLinks:
         Told (topic, n) when a device's own sequence has a gap.
     free_bytes, written : callable, optional
         Free space on the run file's disk, and the size of the run file so far.
+    first_cycle_index : int, optional
+        Cycles of the run that is gone on with.
     """
 
     program: ProgramControl
@@ -66,18 +68,20 @@ class BenchLinks:
         *,
         free_bytes: Callable[[], int] = lambda: sys.maxsize,
         written: Callable[[], int] = int,
+        first_cycle_index: int = 0,
     ) -> None:
         robot, tracker = require_devices(config)
         self._robot_config, self._clock = robot, clock
         self._inbox = inbox
         self._record = record
         source = make_cycle_source(robot.cycle)
-        self.watcher = CycleWatcher(inbox.put, record, ends_at_next=source is not None and source.ends_at_next)
+        at_next = source is not None and source.ends_at_next
+        self.watcher = CycleWatcher(inbox.put, record, first_cycle_index, ends_at_next=at_next)
         self._follower = None if source is None else CycleFollower(source)
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
-        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written)
+        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written, first_cycle_index)
         self.stream = make_state_stream(
             robot,
             clock,

@@ -50,7 +50,9 @@ class RunProgress:
     """Where the run is, for the screen and for the closing words."""
 
     n_cycles: int
+    """In all, those of the run that is gone on with included."""
     n_completed: int = 0
+    """The same; what it is before the first cycle, the robot's counter starts after."""
     cycle_started_ns: int = -1
     """Host time of the current cycle's start; -1 between cycles."""
     run_started_ns: int = -1
@@ -163,16 +165,17 @@ class RunEngine:
         )
 
     def _run_cycles(self) -> None:
-        for cycle_index in range(self._progress.n_cycles):
-            if not self._grant(cycle_index):
+        first = self._progress.n_completed
+        for count in range(self._progress.n_cycles - first):
+            if not self._grant(first + count, count):
                 return
             start_s = self._limits.start_s if self._is_granted else self._limits.cycle_s
-            self._await(CycleStarted(cycle_index), start_s, "start")
+            self._await(CycleStarted(count), start_s, "start")
             self._progress.cycle_started_ns = self._clock.now_ns()
-            self._await(CycleCompleted(cycle_index), self._limits.cycle_s, "end")
+            self._await(CycleCompleted(count), self._limits.cycle_s, "end")
             self._progress.cycle_durations_ns.append(self._clock.now_ns() - self._progress.cycle_started_ns)
             self._progress.cycle_started_ns = -1
-            self._progress.n_completed = cycle_index + 1
+            self._progress.n_completed = first + count + 1
             self._refresh()
 
     def _hold_between_cycles(self) -> None:
@@ -207,7 +210,7 @@ class RunEngine:
         if self._states.state is RunState.HOLDING and not self._holding.reason:
             self._states.enter(RunState.RUNNING, "as before again")
 
-    def _grant(self, cycle_index: int) -> bool:
+    def _grant(self, cycle_index: int, count: int) -> bool:
         """Grant one more cycle as soon as nothing speaks against it; False if the run is to end instead."""
         while True:
             self._hold_between_cycles()
@@ -216,7 +219,7 @@ class RunEngine:
             now_ns = self._clock.now_ns()
             try:
                 if self._is_granted:
-                    self._stream.grant_cycles(cycle_index + 1)
+                    self._stream.grant_cycles(count + 1)
             except LinkLostError as error:
                 self._take_condition(describe_lost_link(error, now_ns))
                 continue
@@ -236,7 +239,7 @@ class RunEngine:
                 deadline = self._wait_out(deadline)
             elif self._clock.now_ns() >= deadline:
                 raise CycleTimeoutError(
-                    f"Cycle {expected.cycle_index} did not {what} within {limit_s:g} s.",
+                    f"Cycle {self._progress.n_completed} did not {what} within {limit_s:g} s.",
                     hint="Look at the robot's pendant; [robot.cycle] timeout_s is the limit for one cycle.",
                 )
 

@@ -70,7 +70,8 @@ class Switch:
 class RobotGuard:
     """Safety stops, pauses, and the speed slider, from the robot's state stream."""
 
-    def __init__(self, notify: Notify) -> None:
+    def __init__(self, notify: Notify, first_cycle_index: int = 0) -> None:
+        self._first_cycle_index = first_cycle_index
         self._stop = Switch(notify)
         self._slider = Switch(notify)
         self._speed_fraction = float("nan")
@@ -86,9 +87,9 @@ class RobotGuard:
     def _judge_stop(self, state: RobotState) -> Condition | None:
         kind = SAFETY_KINDS.get(state.safety_status)
         if kind is not None:
-            return _stopped(kind, state, f"{_capital(safety_text(state.safety_status))} in cycle {{cycle}}.")
+            return self._stopped(kind, state, f"{_capital(safety_text(state.safety_status))} in cycle {{cycle}}.")
         if state.runtime_state == STOPPED:
-            return _stopped(ConditionKind.PROGRAM_REPLACED, state, "The robot program stopped in cycle {cycle}.")
+            return self._stopped(ConditionKind.PROGRAM_REPLACED, state, "The robot program stopped in cycle {cycle}.")
         told = self._stop.told
         if told is not None and told.kind in ROBOT_STOPS and state.runtime_state not in (PLAYING, -1):
             if told.kind is ConditionKind.PROGRAM_PAUSED:
@@ -96,8 +97,12 @@ class RobotGuard:
             text = f"The {told.kind.replace('_', ' ')} is cleared, but the program is still paused."
             return Condition(told.kind, state.capture_ns, text, RESUME_ADVICE)
         if state.runtime_state == PAUSED:
-            return _stopped(ConditionKind.PROGRAM_PAUSED, state, "The robot program was paused in cycle {cycle}.")
+            return self._stopped(ConditionKind.PROGRAM_PAUSED, state, "The robot program was paused in cycle {cycle}.")
         return None
+
+    def _stopped(self, kind: ConditionKind, state: RobotState, text: str) -> Condition:
+        cycle_index = self._first_cycle_index + state.cycle_count
+        return Condition(kind, state.capture_ns, text.format(cycle=cycle_index), ADVICE[kind])
 
     def _judge_slider(self, state: RobotState) -> Condition | None:
         if not abs(state.speed_fraction - self._speed_fraction) > SLIDER_STEP:
@@ -212,6 +217,8 @@ class Guards:
         Told `ConditionRaised` and `ConditionCleared`, from the thread that feeds.
     free_bytes, written : callable
         Free space on the run file's disk, and the size of the run file so far.
+    first_cycle_index : int, optional
+        Cycles completed before the robot's counter was 0.
     """
 
     def __init__(
@@ -221,8 +228,9 @@ class Guards:
         notify: Notify,
         free_bytes: Callable[[], int],
         written: Callable[[], int],
+        first_cycle_index: int = 0,
     ) -> None:
-        self._robot = RobotGuard(notify)
+        self._robot = RobotGuard(notify, first_cycle_index)
         self._links = LinkGuard(policy, clock, notify)
         self._disk = DiskGuard(policy, clock, notify, free_bytes, written)
         self._latest: RobotState | None = None
@@ -253,10 +261,6 @@ class Guards:
         if self._armed:
             self._links.poll()
             self._disk.poll(n_completed, n_cycles)
-
-
-def _stopped(kind: ConditionKind, state: RobotState, text: str) -> Condition:
-    return Condition(kind, state.capture_ns, text.format(cycle=state.cycle_count), ADVICE[kind])
 
 
 def _capital(text: str) -> str:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from bench.config import Config, to_toml
 from bench.errors import ConfigError
-from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity
+from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
 from bench.recording import RunWriter
 from bench.run.about import describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
@@ -22,7 +22,9 @@ from bench.run.closing import Closing
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
 from bench.run.holding import Holding
 from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
+from bench.run.journal import Journal
 from bench.run.preflight import Item, check_bench, verify_items
+from bench.run.resume import RESUMED, Origin, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
 from bench.run.states import RunStates
 from bench.run.view import RunView
@@ -45,6 +47,13 @@ class RunOptions:
     output: Path | None = None
     speed: float = 1.0
     truth: Path | None = None
+    origin: Origin | None = None
+    """The run that is gone on with; `n_cycles` is the total of both."""
+
+    @property
+    def n_before(self) -> int:
+        """Cycles that are done already."""
+        return self.origin.n_completed if self.origin else 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,6 +94,8 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
         What ended the run; the run file is finished and readable all the same.
     """
     clock = _start_clock(config, options.speed)
+    if options.origin is not None:
+        verify_origin(options.origin, config, options.n_cycles)
     path = options.output or _default_path(config, clock)
     with Closing() as closing:
         session = _Session(config, options, path, clock, view, closing)
@@ -128,10 +139,21 @@ class _Session:
         self._view = view
         self._closing = closing
         self._inbox = QueueInbox(clock)
-        self._writer = _open_writer(config, path, clock, self._inbox)
+        run_id = str(uuid.uuid4())
+        self._writer = _open_writer(config, path, clock, self._inbox, run_id, options.origin)
+        self._journal = Journal(
+            path,
+            {
+                "run_id": run_id,
+                "test_sha256": hash_test(config),
+                "file": path.name,
+                "cycles": options.n_cycles,
+                "completed": options.n_before,
+            },
+        )
         closing.add("the run file", self._close_writer, limit_s=CLOSE_FILE_S)
-        self._states = RunStates(clock, self._writer.put)
-        self._progress = RunProgress(options.n_cycles)
+        self._states = RunStates(clock, self._record_state)
+        self._progress = RunProgress(options.n_cycles, options.n_before)
         self._ending = Ending(ExitStatus.FAIL, "ended without a reason")
         self._warnings: list[str] = []
 
@@ -152,8 +174,25 @@ class _Session:
         finally:
             self._states.enter(RunState.CLOSING)
 
+    def _record_state(self, record: Record) -> None:
+        self._writer.put(record)
+        if isinstance(record, StateChange):
+            self._journal.note_state(record)
+
+    def _refresh(self, links: BenchLinks) -> None:
+        self._journal.note_completed(self._progress.n_completed)
+        self._view.update(self._progress, self._writer, links, self._clock)
+
     def _close_writer(self) -> None:
-        self._states.enter(RunState.DONE)
+        try:
+            self._states.enter(RunState.DONE)
+            self._finish_file()
+        except BaseException:
+            self._journal.close(remove=False)
+            raise
+        self._journal.close(remove=True)
+
+    def _finish_file(self) -> None:
         if self._progress.run_started_ns < 0:
             self._writer.discard()  # nothing was driven: the same command must work again once the cause is mended
             return
@@ -162,6 +201,10 @@ class _Session:
 
     def _connect(self) -> BenchLinks:
         self._states.enter(RunState.CONNECTING)
+        if self._options.origin:
+            text = self._options.origin.describe()
+            self._view.say(text)
+            self._writer.put(LogEntry(self._clock.now_ns(), Severity.INFO, "run", text))
         _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
         writer = self._writer
         links = BenchLinks(
@@ -172,6 +215,7 @@ class _Session:
             writer.note_missed,
             free_bytes=lambda: shutil.disk_usage(self._path.parent).free,
             written=lambda: writer.bytes_written,
+            first_cycle_index=self._options.n_before,
         )
         for info in links.open(self._closing):
             writer.add_device(info)
@@ -181,7 +225,8 @@ class _Session:
     def _preflight(self, links: BenchLinks) -> None:
         self._states.enter(RunState.CHECKING)
         simulated = self._config.simulation
-        expected_s = self._options.n_cycles * simulated.cycle_s * 1.2 if simulated else None
+        n_left = self._options.n_cycles - self._options.n_before
+        expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
         items = _check(self._config, links, self._clock, self._path.parent, expected_s)
         for item in items:
             self._view.show_item(item)
@@ -205,7 +250,7 @@ class _Session:
             self._writer.put,
             self._progress,
             RunLimits(cycle_s=robot.cycle.timeout_s, hold_s=self._config.policy.hold_timeout_s),
-            refresh=lambda: self._view.update(self._progress, self._writer, links, self._clock),
+            refresh=lambda: self._refresh(links),
             is_granted=robot.cycle.is_granted,
         )
         with _ctrl_c_to(self._inbox), self._view.live():
@@ -268,8 +313,9 @@ def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, exp
     )
 
 
-def _open_writer(config: Config, path: Path, clock: RunClock, inbox: Inbox) -> RunWriter:
-    run_id = str(uuid.uuid4())
+def _open_writer(
+    config: Config, path: Path, clock: RunClock, inbox: Inbox, run_id: str, origin: Origin | None
+) -> RunWriter:
     facts = {"clock": clock.to_text(), "simulated": str(config.simulation is not None).lower()}
     return RunWriter(
         path,
@@ -277,7 +323,7 @@ def _open_writer(config: Config, path: Path, clock: RunClock, inbox: Inbox) -> R
         config_toml=to_toml(config),
         versions=find_versions(LIBRARIES),
         run_id=run_id,
-        extra={"bench.facts": describe_origin(config) | facts},
+        extra={"bench.facts": describe_origin(config) | facts} | ({RESUMED: origin.to_metadata()} if origin else {}),
         on_failure=lambda error: inbox.put(Fault(error)),
     )
 

@@ -36,15 +36,30 @@ class CycleWatcher:
     """Turns consecutive robot states into cycle events; counts by the robot's own counter, never by time.
 
     Called from the state stream's reader thread. While not `armed` it only remembers the latest state.
+
+    Parameters
+    ----------
+    notify : callable
+        Told of cycles, by the robot's own count.
+    record : callable
+        Where the cycle events go, numbered from `first_cycle_index`.
+    first_cycle_index : int, optional
+        Cycles completed before the robot's counter was 0: those of the run that is gone on with.
     """
 
     def __init__(
-        self, notify: Callable[[Event], None], record: Callable[[Record], None], *, ends_at_next: bool = False
+        self,
+        notify: Callable[[Event], None],
+        record: Callable[[Record], None],
+        first_cycle_index: int = 0,
+        *,
+        ends_at_next: bool = False,
     ) -> None:
         self._ends_at_next = ends_at_next
         """Whether the next start ends a cycle; else a running mark that outlives the count is an old one."""
         self._notify = notify
         self._record = record
+        self._first_cycle_index = first_cycle_index
         self._before: RobotState | None = None
         self._armed = False
         self.latest: RobotState | None = None
@@ -82,7 +97,7 @@ class CycleWatcher:
             self._notify(CycleStarted(state.cycle_count))
 
     def _mark(self, kind: CycleEventKind, state: RobotState, cycle_index: int) -> None:
-        self._record(CycleEvent(state.capture_ns, kind, cycle_index, state.controller_time_s))
+        self._record(CycleEvent(state.capture_ns, kind, self._first_cycle_index + cycle_index, state.controller_time_s))
 
 
 def _jumped(before: RobotState, state: RobotState) -> CycleSequenceError:
