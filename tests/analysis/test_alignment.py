@@ -29,6 +29,8 @@ def test_each_segment_of_a_robots_clock_has_its_own_line(seed: int, drift_ppm: f
     assert [one.segment for one in found.segments] == [0, 1]
     assert found.segments[1].offset_s == pytest.approx((HOST + 40 * NS) * 1e-9 - 77, abs=1e-3)
     assert found.segments[0].drift_ppm == pytest.approx(drift_ppm, abs=5)
+    assert found.segments[0].residual_p50_us == pytest.approx(69, abs=25)  # of an exponential of mean 100
+    assert found.segments[0].residual_p99_us == pytest.approx(460, abs=120)
 
 
 def test_a_clock_that_changes_its_rate_is_followed_in_stretches_that_meet() -> None:

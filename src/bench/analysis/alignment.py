@@ -27,6 +27,9 @@ class SegmentClock:
     drift_ppm: float
     """How much faster host time runs than the device claims, over the whole segment; NaN if as recorded."""
     residual_sd_us: float
+    residual_p50_us: float
+    """Median distance of the evidence from the line: of arrivals, how late they came; of answers, either way."""
+    residual_p99_us: float
     n_samples: int
     """Pairs of device and host time the map rests on."""
 
@@ -60,7 +63,8 @@ def align_by_arrival(
             for part in _stretches(rows, ticks[rows], nominal_ns_per_tick)
         ]
         host[rows] = _join(maps, ticks[rows])
-        found.append(_describe(int(number), "lower hull", maps, ticks[rows], host[rows]))
+        late_ns = arrival_ns[rows] - host[rows]
+        found.append(_describe(int(number), "lower hull", maps, ticks[rows], host[rows], late_ns))
     return AlignedClock(host, found)
 
 
@@ -94,10 +98,13 @@ def align_by_echo(
             estimate_echo_map(send_ns[part], sample_ticks[part], receive_ns[part], nominal_ns_per_tick)
             for part in _stretches(asked, sample_ticks[asked], nominal_ns_per_tick)
         ]
+        apart_ns = np.zeros(0, dtype=np.int64)
         if maps:
             host[rows] = _join(maps, ticks[rows])
+            middle_ns = send_ns[asked] + (receive_ns[asked] - send_ns[asked]) // 2
+            apart_ns = np.abs(middle_ns - _join(maps, sample_ticks[asked]))
         method = "echo" if maps else "as recorded"
-        found.append(_describe(int(number), method, maps, ticks[rows], host[rows], nominal_ns_per_tick))
+        found.append(_describe(int(number), method, maps, ticks[rows], host[rows], apart_ns, nominal_ns_per_tick))
     return AlignedClock(host, found)
 
 
@@ -130,7 +137,13 @@ def _join(maps: list[ClockMap], ticks: Ints) -> Ints:
 
 
 def _describe(
-    number: int, method: str, maps: list[ClockMap], ticks: Ints, host_ns: Ints, ns_per_tick: float = float("nan")
+    number: int,
+    method: str,
+    maps: list[ClockMap],
+    ticks: Ints,
+    host_ns: Ints,
+    apart_ns: Ints,
+    ns_per_tick: float = float("nan"),
 ) -> SegmentClock:
     nominal = maps[0].nominal_ns_per_tick if maps else ns_per_tick
     first, last = int(ticks.argmin()), int(ticks.argmax())
@@ -139,11 +152,14 @@ def _describe(
     if len(maps) > 1 and span > 0:
         drift = (float(host_ns[last] - host_ns[first]) / span - 1.0) * 1e6
     variances = [one.residual_sd_ns**2 for one in maps]
+    p50, p99 = np.quantile(apart_ns, [0.5, 0.99]) * 1e-3 if len(apart_ns) else (np.nan, np.nan)
     return SegmentClock(
         segment=number,
         method=method,
         offset_s=float(host_ns[first]) * 1e-9 - float(ticks[first]) * nominal * 1e-9,
         drift_ppm=drift,
         residual_sd_us=float(np.sqrt(np.mean(variances))) * 1e-3 if maps else float("nan"),
+        residual_p50_us=float(p50),
+        residual_p99_us=float(p99),
         n_samples=sum(one.n_samples for one in maps),
     )

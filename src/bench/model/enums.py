@@ -25,6 +25,8 @@ class ClockSource(IntEnum):
 
     ROBOT = 0
     TRACKER = 1
+    HOST = 2
+    """The computer's own UTC clock, which NTP or a hand may move while the run's host time goes on evenly."""
 
 
 class CycleEventKind(IntEnum):

@@ -13,6 +13,7 @@ from bench.analysis import make_cycle_source
 from bench.config import Config, to_toml
 from bench.model import RunState
 from bench.recording import STATE, Run
+from bench.report.host_clock import describe_host_clock
 from bench.report.outcome import UNFINISHED, RunEnd
 from bench.report.results import CycleColumns
 from bench.report.source import TrackerFrames
@@ -69,6 +70,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Program": config.robot.program if config.robot else "",
         "Cycle source": _cycle_source(config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
+        "Host clock": describe_host_clock(run),
         "Recorded on": recorded.get("host_name", ""),
         "Run id": recorded.get("run_id", ""),
     }

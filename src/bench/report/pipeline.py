@@ -15,6 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
+from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
@@ -100,7 +101,11 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
+<<<<<<< Updated upstream
         warnings=[*start.warnings, *_warn_of_origin(account), *_warn(run, frames, traced, end.exit_status)],
+=======
+        warnings=[*start.warnings, *warn_of_steps(run), *_warn(run, frames, traced, end.exit_status)],
+>>>>>>> Stashed changes
         analysis_s=time.perf_counter() - begin,
     )
 

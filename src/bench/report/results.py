@@ -85,6 +85,9 @@ class ClockFinding:
     drift_ppm: float
     residual_sd_us: float
     n_samples: int
+    residual_p50_us: float = float("nan")
+    """Median distance of the evidence from the line: of arrivals, how late they came."""
+    residual_p99_us: float = float("nan")
 
 
 @dataclass(frozen=True, eq=False)

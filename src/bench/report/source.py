@@ -198,7 +198,17 @@ def _read_bodies(run: Run) -> BodyPoses:
 
 def _findings(device: str, clock: AlignedClock) -> list[ClockFinding]:
     return [
-        ClockFinding(device, s.segment, s.method, s.offset_s, s.drift_ppm, s.residual_sd_us, s.n_samples)
+        ClockFinding(
+            device,
+            s.segment,
+            s.method,
+            s.offset_s,
+            s.drift_ppm,
+            s.residual_sd_us,
+            s.n_samples,
+            s.residual_p50_us,
+            s.residual_p99_us,
+        )
         for s in clock.segments
     ]
 

@@ -19,6 +19,7 @@ from bench.run.guards import Guards
 from bench.run.inbox import ConditionCleared, ConditionRaised, Inbox
 from bench.run.pace import PaceWatch
 from bench.run.tally import FrameTally, RobotTally
+from bench.run.utc_watch import UtcWatch
 from bench.run.watcher import CycleWatcher
 from bench.timing import Clock
 
@@ -78,6 +79,7 @@ class BenchLinks:
         at_next = source is not None and source.ends_at_next
         self.watcher = CycleWatcher(inbox.put, record, first_cycle_index, ends_at_next=at_next)
         self._follower = None if source is None else CycleFollower(source)
+        self._utc_watch = UtcWatch(clock, record)
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
@@ -132,6 +134,7 @@ class BenchLinks:
     def _take_robot_record(self, record: Record) -> None:
         self._record(record)
         if isinstance(record, RobotState):
+            self._utc_watch.update(record.arrival_ns)
             state = record if self._follower is None else self._follower.complete(record)
             self.watcher.update(state)
             self.robot_tally.update(state)
