@@ -94,9 +94,15 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 def make_configuration_page() -> str:
     """Return the text of ``docs/reference/configuration.md``."""
     parts = [CONFIGURATION_HEAD]
-    for name, model in _tables("", Config):
-        parts.append(f"\n## [{name}]\n\n{inspect.cleandoc(model.__doc__ or '')}\n\n{TABLE_HEAD}")
-        parts.extend(_row(key, model) for key in model.model_fields if not _is_table(model.model_fields[key]))
+    places = {model: heading for heading, model in reversed(list(_tables("", Config)))}
+    for heading, model in _tables("", Config):
+        parts.append(f"\n## {heading}\n\n{inspect.cleandoc(model.__doc__ or '')}\n")
+        parent = next((p for p in model.__mro__[1:] if p in places), None)
+        if parent is not None:
+            parts.append(f"\nThe keys of {_link(places[parent])}, and these, if any:\n")
+        keys = [key for key in model.model_fields if parent is None or key not in parent.model_fields]
+        rows = [row for key in keys for row in _rows(key, model, places)]
+        parts.append(f"\n{TABLE_HEAD}{''.join(rows)}" if rows else "")
     return NOTICE + "".join(parts) + CONFIGURATION_TAIL
 
 
@@ -115,21 +121,44 @@ PAGES = {
 }
 
 
-def _tables(prefix: str, model: type[BaseModel]) -> Iterator[tuple[str, type[BaseModel]]]:
+def _tables(prefix: str, model: type[BaseModel], of_kind: str = "") -> Iterator[tuple[str, type[BaseModel]]]:
+    """Return heading and model of each table; one that another row leads to has its heading once."""
+    seen: set[type[BaseModel]] = set()
     for name, info in model.model_fields.items():
-        inner = _model_in(info.annotation)
-        if inner is not None:
-            yield f"{prefix}{name}", inner
-            yield from _tables(f"{prefix}{name}.", inner)
+        models = _models_in(info.annotation)
+        for inner in models:
+            if info.description and inner in seen:
+                continue
+            seen.add(inner)
+            kind = of_kind or (get_args(inner.model_fields["kind"].annotation)[0] if len(models) > 1 else "")
+            yield f"[{prefix}{name}]" + (f" of kind {kind}" if kind else ""), inner
+            for heading, deeper in _tables(f"{prefix}{name}.", inner, kind):
+                if deeper not in seen or not info.description:
+                    seen.add(deeper)
+                    yield heading, deeper
 
 
-def _is_table(info: FieldInfo) -> bool:
-    return _model_in(info.annotation) is not None
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models an annotation allows, whatever it wraps them in."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _models_in(inner)]
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    candidates = [annotation, *get_args(annotation)]
-    return next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+def _rows(field: str, model: type[BaseModel], places: dict[type[BaseModel], str]) -> list[str]:
+    info = model.model_fields[field]
+    tables = _models_in(info.annotation)
+    if not tables:
+        return [_row(field, model)]
+    if not info.description:
+        return []
+    shown = f"**`{field}`**" if info.is_required() else f"`{field}`"
+    default = "" if info.is_required() else "none"
+    return [f"| {shown} | table {_link(places[tables[0]])} | {default} | {info.description} |\n"]
+
+
+def _link(heading: str) -> str:
+    return f"[`{heading.partition(' ')[0]}`](#{_slug(heading.replace(' ', '-'))})"
 
 
 def _row(field: str, model: type[BaseModel]) -> str:
@@ -157,8 +186,11 @@ def _kind(key: str, model: type[BaseModel]) -> str:
 
 def _describe(schema: dict[str, Any]) -> str:
     if "enum" in schema or "const" in schema:
-        return ", ".join(f'`"{value}"`' for value in schema.get("enum", [schema.get("const")]))
+        values = schema.get("enum", [schema.get("const")])
+        return ", ".join(f'`"{value}"`' if isinstance(value, str) else f"`{value}`" for value in values)
     if schema["type"] == "array":
+        if schema.get("items", {}).get("type") == "integer":
+            return "list of whole numbers"
         n = schema.get("minItems")
         return f"list of {n} numbers" if n == schema.get("maxItems") and n else "list of numbers"
     words = {"string": "text", "integer": "whole number", "number": "number", "boolean": "`true`, `false`"}

@@ -5,10 +5,9 @@ from __future__ import annotations
 import difflib
 import re
 import tomllib
-from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
@@ -76,48 +75,64 @@ def config_schema() -> dict[str, Any]:
 
 
 def _sentence(fault: ErrorDetails, text: str, source: str) -> str:
-    place = _without_branches(fault["loc"])
+    if fault["type"] == "unknown_kind":
+        fault = {**fault, "loc": (*fault["loc"], "kind"), "input": fault["input"]["kind"]}
+    place, model = _follow(fault["loc"])
     line = _line_of(text, place)
     where = f"{source}, line {line}" if line else source
     key = ".".join(str(part) for part in place) or "the file"
     if fault["type"] == "extra_forbidden":
-        return f"{where}: {key} is not a known key; {_suggestion(place)}"
+        return f"{where}: {key} is not a known key; {_suggestion(str(place[-1]), model)}"
     if fault["type"] == "missing":
-        return f"{where}: {key} is missing{_described(place)}."
+        return f"{where}: {key} is missing{_described(str(place[-1]), model)}."
     message = fault["msg"].removeprefix("Value error, ")
     if isinstance(fault["input"], dict | list):
         return f"{where}: {key}: {message}."
     return f"{where}: {key} = {fault['input']!r}: {message[:1].lower()}{message[1:]}."
 
 
-def _without_branches(place: Place) -> Place:
-    """Drop the branch names that pydantic adds for unions: they are no keys of the file."""
-    return tuple(part for part in place if not (isinstance(part, str) and ("[" in part or part == "tuple")))
+def _follow(loc: Place) -> tuple[Place, type[BaseModel] | None]:
+    """Return the keys of the file that lead to a fault, and the model that holds the last of them.
+
+    The names of branches that pydantic adds for unions are no keys: they are dropped, and choose among models.
+    """
+    place: list[str | int] = []
+    models: list[type[BaseModel]] = [Config]
+    holder: type[BaseModel] | None = Config
+    for part in loc:
+        chosen = [model for model in models if _kind_of(model) == part] if len(models) > 1 else []
+        if chosen:
+            models = chosen
+        elif not (isinstance(part, str) and ("[" in part or part == "tuple")):
+            place.append(part)
+            if isinstance(part, str):
+                holder = models[0] if models else None
+                field = _fields(holder).get(part) if holder else None
+                models = _models_in(field.annotation) if field else []
+    return tuple(place), holder
 
 
-def _section_of(place: Sequence[str | int]) -> type[BaseModel] | None:
-    """Return the model that holds the last key of `place`."""
-    model: type[BaseModel] | None = Config
-    for part in place[:-1]:
-        field = _fields(model).get(str(part)) if model else None
-        model = _model_in(field.annotation) if field else None
-    return model
+def _kind_of(model: type[BaseModel]) -> str:
+    """Return the `kind` that chooses this model."""
+    kind = model.model_fields.get("kind")
+    return str(next(iter(get_args(kind.annotation)), "")) if kind else ""
 
 
 def _fields(model: type[BaseModel]) -> dict[str, Any]:
     return {field.alias or name: field for name, field in model.model_fields.items()}
 
 
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    candidates = [annotation, *getattr(annotation, "__args__", ())]
-    return next((c for c in candidates if isinstance(c, type) and issubclass(c, BaseModel)), None)
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    """Return the models an annotation allows, whatever it wraps them in."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    return [model for inner in get_args(annotation) for model in _models_in(inner)]
 
 
-def _suggestion(place: Place) -> str:
-    model = _section_of(place)
+def _suggestion(wrong: str, model: type[BaseModel] | None) -> str:
     if model is None:
         return "remove it."
-    wrong, known = str(place[-1]), list(_fields(model))
+    known = list(_fields(model))
     same_quantity = [name for name in known if UNITS.sub("", name) == UNITS.sub("", wrong)]
     if same_quantity:
         return f"the unit is part of the key: did you mean '{same_quantity[0]}'?"
@@ -125,9 +140,8 @@ def _suggestion(place: Place) -> str:
     return f"did you mean '{close[0]}'?" if close else f"known here: {', '.join(sorted(known))}."
 
 
-def _described(place: Place) -> str:
-    model = _section_of(place)
-    field = _fields(model).get(str(place[-1])) if model else None
+def _described(key: str, model: type[BaseModel] | None) -> str:
+    field = _fields(model).get(key) if model else None
     return f" ({field.description.rstrip('.')})" if field is not None and field.description else ""
 
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
+from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
+from bench.config.section import Section
 
 __all__ = [
     "AnalysisConfig",
     "AnchorConfig",
+    "AnyRobotConfig",
     "CableConfig",
     "Config",
     "CycleConfig",
@@ -29,12 +32,6 @@ Register = Annotated[int, Field(ge=0, le=47)]
 ArcLengths = Annotated[tuple[Annotated[float, Field(ge=0, strict=True)], ...], Field(strict=False)]
 Joints = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
 Point = Annotated[tuple[float, float, float], Field(strict=False)]
-
-
-class Section(BaseModel):
-    """Base of every table: unknown keys are refused, numbers are not guessed from text."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
 class RunConfig(Section):
@@ -119,7 +116,7 @@ class CycleConfig(Section):
 
 
 class RobotConfig(Section):
-    """The robot controller."""
+    """A Universal Robots controller."""
 
     kind: Literal["ur"] = Field("ur", description="Universal Robots: state by RTDE, program as program_control says.")
     host: str = Field(min_length=1, description="Address of the controller.")
@@ -133,6 +130,20 @@ class RobotConfig(Section):
     )
     robot_api_port: int = Field(80, ge=1, le=65535, description="HTTP port of PolyScope X, where its Robot API is.")
     cycle: CycleConfig = Field(default_factory=CycleConfig)
+
+
+def _kind_of(robot: object) -> str:
+    """Choose the model of a [robot] table; a UR's says whatever else is wrong with it."""
+    if isinstance(robot, ModbusRobotConfig) or (isinstance(robot, dict) and robot.get("kind") == "modbus"):
+        return "modbus"
+    known = not isinstance(robot, dict) or robot.get("kind", "ur") == "ur"
+    return "ur" if known else "unknown"
+
+
+AnyRobotConfig = Annotated[
+    Annotated[RobotConfig, Tag("ur")] | Annotated[ModbusRobotConfig, Tag("modbus")],
+    Discriminator(_kind_of, custom_error_type="unknown_kind", custom_error_message="Input should be 'ur' or 'modbus'"),
+]
 
 
 class TrackerConfig(Section):
@@ -282,7 +293,7 @@ class Config(Section):
     """A whole configuration file."""
 
     run: RunConfig = Field(default_factory=RunConfig)
-    robot: RobotConfig | None = None
+    robot: AnyRobotConfig | None = None
     tracker: TrackerConfig | None = None
     cable: CableConfig
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)

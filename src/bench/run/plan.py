@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from bench.config import Config, RobotConfig
+from bench.config import AnyRobotConfig, Config
 from bench.run.bench_links import require_devices
 from bench.run.preflight import predict_bytes_per_s
 
@@ -44,7 +44,7 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
     return lines
 
 
-def _how_begun(robot: RobotConfig) -> str:
+def _how_begun(robot: AnyRobotConfig) -> str:
     if robot.cycle.is_granted:
         return "each granted when the one before has ended"
     return "which the program begins by itself; it is stopped after the last"

@@ -14,7 +14,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from bench.config import Config, to_toml
+from bench.config import Config, RobotConfig, to_toml
 from bench.errors import ConfigError, ConnectError
 from bench.timing import RunClock
 
@@ -116,7 +116,7 @@ def with_free_addresses(config: Config) -> Config:
     The packaged addresses come first; a second bench on the same machine moves on to the next pair.
     """
     robot, tracker = config.robot, config.tracker
-    if robot is None or tracker is None:
+    if not isinstance(robot, RobotConfig) or tracker is None:
         return config
     for last in range(21, 250, 2):
         hosts = f"127.0.0.{last}", f"127.0.0.{last + 1}"

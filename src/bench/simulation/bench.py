@@ -7,11 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.config import Config, RobotConfig, SimulationConfig, TrackerConfig
+from bench.config import AnyRobotConfig, Config, RobotConfig, SimulationConfig, TrackerConfig
 from bench.errors import ConfigError
 from bench.simulation.admin import AdminServer
 from bench.simulation.cable import Cable
 from bench.simulation.device_clock import DeviceClock
+from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
 from bench.simulation.path import JointPath
 from bench.simulation.program import PathProgram
@@ -130,8 +131,13 @@ class SimulatedBench:
         finally:
             self.robot.close()
 
-    def _make_robot(self, robot: RobotConfig, started_ns: int) -> UrController:
+    def _make_robot(self, robot: AnyRobotConfig, started_ns: int) -> UrController | ModbusController:
         clock = DeviceClock(started_ns, round(ROBOT_S_AT_START * 1e9), 1e9, self._simulation.robot_clock_ppm)
+        if robot.kind == "modbus":
+            return ModbusController(robot, self.program, self.scheduler, self._clock, controller_clock=clock)
+        return self._make_ur(robot, clock)
+
+    def _make_ur(self, robot: RobotConfig, clock: DeviceClock) -> UrController:
         cycle, kind = robot.cycle, KINDS[self._simulation.controller]
         return UrController(
             robot.host,

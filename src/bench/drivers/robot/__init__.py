@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.config import RobotConfig
+from bench.config import AnyRobotConfig, RobotConfig
 from bench.drivers.base import ProgramControl, StateStream
+from bench.drivers.robot.modbus import ModbusProgram, ModbusStateStream
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.drivers.robot.ur.robot_api import RobotApiProgram
 from bench.drivers.robot.ur.state import UrStateStream
-from bench.errors import ConfigError, LinkLostError
+from bench.errors import LinkLostError
 from bench.timing import Clock
 
 __all__ = ["make_program_control", "make_state_stream"]
@@ -19,7 +20,7 @@ FIRST_POLYSCOPE_X = 10
 
 
 def make_state_stream(
-    config: RobotConfig,
+    config: AnyRobotConfig,
     clock: Clock,
     *,
     on_missed: Callable[[str, int], None] | None = None,
@@ -31,7 +32,7 @@ def make_state_stream(
 
     Parameters
     ----------
-    config : RobotConfig
+    config : AnyRobotConfig
         The robot.
     clock : Clock
         Stamps what arrives.
@@ -48,15 +49,17 @@ def make_state_stream(
         return UrStateStream(
             config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
         )
-    raise ConfigError(f"There is no state stream for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
+    return ModbusStateStream(
+        config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
+    )
 
 
-def make_program_control(config: RobotConfig, clock: Clock, *, controller_version: str = "") -> ProgramControl:
+def make_program_control(config: AnyRobotConfig, clock: Clock, *, controller_version: str = "") -> ProgramControl:
     """Return the program control of the configured robot, not yet open.
 
     Parameters
     ----------
-    config : RobotConfig
+    config : AnyRobotConfig
         The robot.
     clock : Clock
         Paces the polling.
@@ -65,7 +68,7 @@ def make_program_control(config: RobotConfig, clock: Clock, *, controller_versio
     """
     if config.kind == "ur":
         return _make_ur_program(config, clock, controller_version)
-    raise ConfigError(f"There is no program control for a robot of kind '{config.kind}'.", hint="[robot] kind is 'ur'.")
+    return ModbusProgram(config, clock)
 
 
 def _make_ur_program(config: RobotConfig, clock: Clock, version: str) -> ProgramControl:

@@ -1,0 +1,7 @@
+"""Any robot controller or PLC with a Modbus TCP server, by its register map."""
+
+from bench.drivers.robot.modbus.link import ModbusLink
+from bench.drivers.robot.modbus.program import ModbusProgram
+from bench.drivers.robot.modbus.state import ModbusStateStream
+
+__all__ = ["ModbusLink", "ModbusProgram", "ModbusStateStream"]
