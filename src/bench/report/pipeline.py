@@ -101,11 +101,12 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
-<<<<<<< Updated upstream
-        warnings=[*start.warnings, *_warn_of_origin(account), *_warn(run, frames, traced, end.exit_status)],
-=======
-        warnings=[*start.warnings, *warn_of_steps(run), *_warn(run, frames, traced, end.exit_status)],
->>>>>>> Stashed changes
+        warnings=[
+            *start.warnings,
+            *_warn_of_origin(account),
+            *warn_of_steps(run),
+            *_warn(run, frames, traced, end.exit_status),
+        ],
         analysis_s=time.perf_counter() - begin,
     )
 
