@@ -152,3 +152,14 @@ def test_ur_rtde_writes_to_it_and_drives_it(start_controller):
     fraction, speed, scaling, n_pose = run_client(WRITE_AND_DRIVE, host=HOST)
     assert (fraction, scaling, n_pose) == (0.5, 1.0, 6)
     assert speed > 0
+
+
+@pytest.mark.parametrize(("remote_control", "state"), [(True, "PLAYING"), (False, "STOPPED")])
+def test_a_script_is_run_in_remote_control_only(start_controller, remote_control, state):
+    controller = start_controller(remote_control=remote_control)
+    with socket.create_connection((HOST, 30003), timeout=5) as link:
+        link.sendall(b"def script():\nreg_offset_int = \n0\nend\n")
+        link.shutdown(socket.SHUT_WR)
+        assert link.recv(10) == b""
+    controller.act(lambda _host_ns: None)
+    assert controller.machine.state == state

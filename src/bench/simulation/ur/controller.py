@@ -18,6 +18,7 @@ from bench.simulation.ur.network import ServerThread, Session
 from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rest import RobotApi
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
+from bench.simulation.ur.script import ScriptSession
 from bench.timing import Clock, patience_ns
 
 __all__ = ["UrController"]
@@ -50,7 +51,8 @@ class UrController:
     remote_control : bool
         Whether the robot is in remote control.
     rtde_port, dashboard_port, robot_api_port : int
-        The real controller's ports; PolyScope X has the last instead of the second.
+        The real controller's ports; PolyScope X has the last instead of the second. The script port is the one below
+        the first: 30003.
     kind : ControllerKind
         Generation of the controller.
     """
@@ -97,7 +99,7 @@ class UrController:
         self._tick_number = 0
 
     def open(self) -> None:
-        """Bind both ports, start serving and schedule the first tick.
+        """Bind the ports, start serving and schedule the first tick.
 
         Raises
         ------
@@ -113,6 +115,7 @@ class UrController:
         try:
             for name, port in self.ports.items():
                 network.listen(self._host, port, welcome[name])
+            network.listen(self._host, self.ports["rtde"] - 1, self._welcome_script)
         except BaseException:
             network.close()
             raise
@@ -182,3 +185,10 @@ class UrController:
     def _welcome_robot_api(self, outbox: Outbox) -> HttpSession:
         api = RobotApi(self.machine, self.run_later, self._clock.now_ns, is_remote=lambda: self.remote_control)
         return HttpSession(outbox, api.answer)
+
+    def _welcome_script(self, outbox: Outbox) -> ScriptSession:
+        return ScriptSession(outbox, self._run_script)
+
+    def _run_script(self, text: str) -> None:
+        if self.remote_control or not self.machine.kind.has_remote_control:
+            self.run_later(0, lambda _host_ns: self.machine.run_script(text))

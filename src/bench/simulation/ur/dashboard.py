@@ -99,7 +99,7 @@ class DashboardSession:
         machine = self._machine
         major, minor, bugfix, build = machine.kind.version
         queries: dict[str, Callable[[], str]] = {
-            "running": lambda: f"Program running: {str(machine.program.state == 'PLAYING').lower()}",
+            "running": lambda: f"Program running: {str(machine.state == 'PLAYING').lower()}",
             "programstate": self._program_state,
             "robotmode": lambda: f"Robotmode: {machine.robot_mode.name}",
             "safetymode": lambda: f"Safetymode: {machine.safety_status.name}",
@@ -134,7 +134,7 @@ class DashboardSession:
         return reply
 
     def _program_state(self) -> str:
-        return f"{self._machine.program.state} {self._machine.loaded_name or '<unnamed>'}"
+        return f"{self._machine.state} {self._machine.loaded_name or '<unnamed>'}"
 
     def _loaded_program(self) -> str:
         if not self._machine.loaded_name:
@@ -144,7 +144,7 @@ class DashboardSession:
     def _load(self, name: str) -> str:
         if name.removeprefix(PROGRAM_FOLDER) != self._machine.program.name:
             return f"File not found: {name}"
-        if self._machine.program.state != "STOPPED":
+        if self._machine.state != "STOPPED":
             return f"Error while loading program: {name}"
         return self._later(self._machine.load, f"Loading program: {name}")
 
@@ -159,7 +159,7 @@ class DashboardSession:
         return self._later(self._machine.pause, "Pausing program")
 
     def _stop(self) -> str:
-        if self._machine.program.state == "STOPPED":
+        if self._machine.state == "STOPPED":
             return "Failed to execute: stop"
         return self._later(self._machine.stop, "Stopped")
 

@@ -9,6 +9,7 @@ from enum import IntEnum
 from bench.drivers.robot.ur.recipe import Value
 from bench.simulation.program import Motion, PathProgram
 from bench.simulation.ur.kinds import E_SERIES, ControllerKind
+from bench.simulation.ur.script import ControlScript
 from bench.simulation.ur.variables import initial_values
 
 __all__ = ["CycleRegisters", "Machine", "RobotMode", "SafetyStatus"]
@@ -94,6 +95,7 @@ class Machine:
         self.kind = kind
         self.loaded = False
         self._foreign = ""
+        self._script: ControlScript | None = None
         self._goes_on = False
         self.values = initial_values()
         self._grant_name = None if registers.grant is None else f"input_int_register_{registers.grant}"
@@ -104,6 +106,11 @@ class Machine:
         self._phase_name = None if registers.phase is None else f"output_double_register_{registers.phase}"
         self._rate_hz = rate_hz
         self._stopped_ns = 0
+
+    @property
+    def state(self) -> str:
+        """'STOPPED', 'PLAYING' or 'PAUSED': of whatever runs."""
+        return self.program.state if self._script is None else "PLAYING"
 
     @property
     def loaded_name(self) -> str:
@@ -122,7 +129,7 @@ class Machine:
     def can_play(self) -> bool:
         """Whether `play` would start or resume the program."""
         is_ready = self.robot_mode == RobotMode.RUNNING and self.safety_status in MOVING_STATUSES
-        return self.loaded and is_ready and self.program.state != "PLAYING"
+        return self.loaded and is_ready and self.state != "PLAYING"
 
     def _scalar(self, name: str) -> float:
         value = self.values[name]
@@ -138,7 +145,9 @@ class Machine:
         self.program.tick(host_ns, granted, speed)
         values["timestamp"] = tick_number / self._rate_hz
         values["control_step"] = tick_number
-        state = self.program.state
+        if self._script is not None and not self._script.tick(values):
+            self._script = None
+        state = self.state
         values["runtime_state"] = RUNTIME_STATES[state]
         values["robot_status_bits"] = (values["robot_mode"] != RobotMode.POWER_OFF) | (state == "PLAYING") << 1
         self._set_motion(self.program.motion_at(host_ns))
@@ -190,17 +199,27 @@ class Machine:
         if self.program.state == "PAUSED" and self.can_play:
             self.program.play()
 
-    def stop(self, _host_ns: int) -> None:
+    def run_script(self, text: str) -> None:
+        """Do what the script port does with a program: ours ends, and that one runs."""
+        self._end_program()
+        if self.robot_mode == RobotMode.RUNNING and self.safety_status in MOVING_STATUSES:
+            self._script = ControlScript.of(text)
+
+    def _end_program(self) -> None:
         self.program.stop()
+        self._script = None
+
+    def stop(self, _host_ns: int) -> None:
+        self._end_program()
 
     def load(self, _host_ns: int) -> None:
-        self.program.stop()
+        self._end_program()
         self.loaded = True
         self._foreign = ""
 
     def load_foreign(self, name: str) -> None:
         """Do what a person at the pendant does who loads another program: ours ends. That one cannot be played."""
-        self.program.stop()
+        self._end_program()
         self.loaded = False
         self._foreign = name
 
@@ -247,13 +266,14 @@ class Machine:
 
     def reboot(self, _host_ns: int) -> None:
         """Be as after switching off and on: power off, nothing loaded, every register 0."""
+        self._end_program()
         self.program.reset()
         self.loaded = False
         self._foreign = ""
         self.values.update(initial_values(), robot_mode=int(RobotMode.POWER_OFF))
 
     def power_off(self, _host_ns: int) -> None:
-        self.program.stop()
+        self._end_program()
         self.values["robot_mode"] = RobotMode.POWER_OFF
 
     def power_on(self, _host_ns: int) -> None:

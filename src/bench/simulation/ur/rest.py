@@ -67,7 +67,7 @@ class RobotApi:
     @property
     def program_name(self) -> str:
         """The program's name as PolyScope X has it: without a suffix."""
-        return re.sub(r"\.urpx?$", "", self._machine.program.name)
+        return _without_suffix(self._machine.program.name)
 
     def answer(self, request: Request) -> Reply:
         path = request.path.removeprefix(f"/{ROOT}/")
@@ -83,8 +83,8 @@ class RobotApi:
         machine = self._machine
         return {
             "openapi.json": lambda: {"openapi": "3.1.0", "info": {"title": "Robot API", "version": API_VERSION}},
-            "program/v1/state": lambda: {"state": machine.program.state, "message": "", "details": ""},
-            "program/v1/loaded": lambda: {"name": self.program_name if machine.loaded else "", "message": ""},
+            "program/v1/state": lambda: {"state": machine.state, "message": "", "details": ""},
+            "program/v1/loaded": lambda: {"name": _without_suffix(machine.loaded_name), "message": ""},
             "robotstate/v1/robotmode": lambda: {"mode": machine.robot_mode.name, "message": ""},
             "robotstate/v1/safetymode": lambda: {"mode": self._safety_word(), "message": ""},
             "system/v1/controlmode": lambda: {"mode": "REMOTE" if self._is_remote() else "LOCAL"},
@@ -105,12 +105,12 @@ class RobotApi:
             return UNREADABLE
         if name != self.program_name:
             return NO_SUCH_PROGRAM
-        if self._machine.program.state != "STOPPED":
+        if self._machine.state != "STOPPED":
             return _refused("A program is running")
         return self._later(self._machine.load)
 
     def _act_on_program(self, fields: dict[str, Any]) -> Reply:
-        machine, state = self._machine, self._machine.program.state
+        machine, state = self._machine, self._machine.state
         actions: dict[object, tuple[bool, Effect]] = {
             "play": (machine.can_play and state == "STOPPED", machine.play),
             "resume": (machine.can_play and state == "PAUSED", machine.play),
@@ -140,3 +140,7 @@ class RobotApi:
 
 def _refused(details: str) -> Reply:
     return Reply({"message": "Conflict", "details": details}, HTTPStatus.CONFLICT)
+
+
+def _without_suffix(name: str) -> str:
+    return re.sub(r"\.urpx?$", "", name)
