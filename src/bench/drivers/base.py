@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Protocol
 
 from bench.model import DeviceInfo, Record
 
-__all__ = ["ProgramControl", "RecordSink", "StateStream", "TrackerStream"]
+__all__ = ["ProgramControl", "RecordSink", "ShownSignal", "SignalWatch", "StateStream", "TrackerStream"]
 
 RecordSink = Callable[[Record], None]
 """Where a driver pushes its records, from its own reader thread. It never blocks and never raises."""
@@ -56,6 +57,32 @@ class ProgramControl(Protocol):
     def stop(self) -> None: ...
 
     def close(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class ShownSignal:
+    """One value of a controller, in words."""
+
+    name: str
+    value: str
+    place: str = ""
+    """Where it stands on the controller and how, as far as the configuration says it."""
+
+
+class SignalWatch(Protocol):
+    """Looks at a controller without touching it: for whoever sets it up."""
+
+    def open(self) -> None:
+        """Connect. Raises like `StateStream.open`."""
+        ...
+
+    def read(self) -> list[ShownSignal]:
+        """Return every signal as it is now. `DeviceError` if the controller does not tell."""
+        ...
+
+    def close(self) -> None:
+        """Close the connection. May be called twice, and after an error."""
+        ...
 
 
 class TrackerStream(Protocol):

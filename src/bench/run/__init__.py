@@ -6,6 +6,7 @@ from bench.run.resume import Origin, read_origin, verify_origin
 from bench.run.session import RunOptions, RunSummary, check, run
 from bench.run.simulator import with_free_addresses
 from bench.run.view import RunView
+from bench.run.watch import watch_robot
 
 __all__ = [
     "Item",
@@ -19,5 +20,6 @@ __all__ = [
     "run",
     "verify_items",
     "verify_origin",
+    "watch_robot",
     "with_free_addresses",
 ]

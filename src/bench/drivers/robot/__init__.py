@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from bench.config import AnyRobotConfig, RobotConfig
-from bench.drivers.base import ProgramControl, StateStream
-from bench.drivers.robot.modbus import ModbusProgram, ModbusStateStream
+from bench.drivers.base import ProgramControl, SignalWatch, StateStream
+from bench.drivers.robot.modbus import ModbusProgram, ModbusSignalWatch, ModbusStateStream
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.drivers.robot.ur.robot_api import RobotApiProgram
 from bench.drivers.robot.ur.state import UrStateStream
+from bench.drivers.robot.ur.watch import UrSignalWatch
 from bench.errors import LinkLostError
 from bench.timing import Clock
 
-__all__ = ["make_program_control", "make_state_stream"]
+__all__ = ["make_program_control", "make_signal_watch", "make_state_stream"]
 
 FIRST_POLYSCOPE_X = 10
 """Major version; CB3 is 3, PolyScope 5 is 5. From here on there is a Robot API in place of the dashboard."""
@@ -69,6 +70,11 @@ def make_program_control(config: AnyRobotConfig, clock: Clock, *, controller_ver
     if config.kind == "ur":
         return _make_ur_program(config, clock, controller_version)
     return ModbusProgram(config, clock)
+
+
+def make_signal_watch(config: AnyRobotConfig, clock: Clock) -> SignalWatch:
+    """Return a look at the configured robot that touches nothing, not yet open."""
+    return UrSignalWatch(config, clock) if config.kind == "ur" else ModbusSignalWatch(config, clock)
 
 
 def _make_ur_program(config: RobotConfig, clock: Clock, version: str) -> ProgramControl:

@@ -3,5 +3,6 @@
 from bench.drivers.robot.modbus.link import ModbusLink
 from bench.drivers.robot.modbus.program import ModbusProgram
 from bench.drivers.robot.modbus.state import ModbusStateStream
+from bench.drivers.robot.modbus.watch import ModbusSignalWatch
 
-__all__ = ["ModbusLink", "ModbusProgram", "ModbusStateStream"]
+__all__ = ["ModbusLink", "ModbusProgram", "ModbusSignalWatch", "ModbusStateStream"]
