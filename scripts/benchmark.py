@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pyarrow.parquet as pq
+from benchmarks.robot_link import measure_robot_link
+from benchmarks.table import Row, print_table, ratio_row
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from natnet import DataFrame, PacketBuffer
@@ -32,14 +34,6 @@ SPEEDS = (10, 20, 40, 80)
 
 
 @dataclass(frozen=True)
-class Row:
-    what: str
-    ours: str
-    peer: str
-    ratio: str
-
-
-@dataclass(frozen=True)
 class Finished:
     text: str
     wall_s: float
@@ -50,13 +44,16 @@ class Finished:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--full", action="store_true", help="1000 cycles, and how far --speed goes")
+    parser.add_argument(
+        "--full", action="store_true", help="1000 cycles, 5 minutes of 500 Hz, how far --speed goes"
+    )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
         folder = Path(name)
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
         rows += [measure_reading(folder / "run.mcap"), measure_curvature(), measure_decoding()]
         rows += measure_paper_sorting(folder, n_cycles=40)
+        rows += measure_robot_link(full)
         if full:
             rows += [measure_speed(folder, speed) for speed in SPEEDS]
     print_table(rows)
@@ -216,18 +213,6 @@ def rate(work: Callable[[], int]) -> float:
         n = work()
         best = max(best, n / (time.perf_counter() - begin))
     return best
-
-
-def ratio_row(what: str, ours: float, peer: float, name: str) -> Row:
-    return Row(what, f"{ours:,.4g}", f"{peer:,.4g} ({name})", f"{ours / peer:.3g}")
-
-
-def print_table(rows: list[Row]) -> None:
-    header = Row("what", "ours", "peer or limit", "ratio")
-    widths = [max(len(getattr(row, f)) for row in [header, *rows]) for f in ("what", "ours", "peer", "ratio")]
-    for row in [header, *rows]:
-        cells = (row.what, row.ours, row.peer, row.ratio)
-        print("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
 
 
 if __name__ == "__main__":

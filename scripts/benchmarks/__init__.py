@@ -1,0 +1,1 @@
+"""Parts of scripts/benchmark.py that need processes of their own."""
