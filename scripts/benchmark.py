@@ -44,9 +44,7 @@ class Finished:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument(
-        "--full", action="store_true", help="1000 cycles, 5 minutes of 500 Hz, how far --speed goes"
-    )
+    parser.add_argument("--full", action="store_true", help="1000 cycles, 5 minutes of 500 Hz, how far --speed goes")
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
         folder = Path(name)
