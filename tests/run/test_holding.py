@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from engine_setup import Setup
 from fake_robot import FakeRobot
 
+import bench
 from bench.config import PolicyConfig
 from bench.errors import CycleTimeoutError, DeviceStateError, DeviceTimeoutError, DiskFullError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState, StateChange
@@ -66,6 +69,20 @@ def test_bench_never_releases_a_stop_and_never_resumes_a_program(status: int) ->
     stop_and_resume(setup, status)
     setup.engine.run()
     assert setup.robot.commands == ["play", "stop"]
+
+
+def test_no_command_that_would_make_a_stopped_robot_go_on_is_in_the_product() -> None:
+    product = Path(bench.__file__).parent
+    robots = [path for path in product.rglob("*.py") if "simulation" not in path.parts]
+    text = "\n".join(path.read_text(encoding="utf-8") for path in robots)
+    for command in (
+        r"unlock.?protective.?stop",
+        r"close.?safety.?popup",
+        r"restart.?safety",
+        r"brake.?release",
+        r"['\"]power on['\"]|powerOn|POWER_ON",
+    ):
+        assert not re.search(command, text, re.IGNORECASE), command
 
 
 def test_the_screen_says_what_to_do_and_no_more_once_it_is_done() -> None:

@@ -104,5 +104,6 @@ def _jumped(before: RobotState, state: RobotState) -> CycleSequenceError:
     return CycleSequenceError(
         f"The robot's cycle counter went from {before.cycle_count} to {state.cycle_count} "
         f"at controller time {state.controller_time_s:.3f} s; one at a time is expected.",
-        hint="Was another program started, or the register written by someone else?",
+        hint="Was the robot restarted, another program started, or the register written by someone else? "
+        "When that is clear, go on with --resume.",
     )

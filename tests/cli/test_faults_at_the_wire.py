@@ -1,0 +1,141 @@
+"""Faults of robot and tracker during a run, over real sockets: what the user sees and what the file holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+from bench_command import bench
+from fault_bench import FaultBench
+
+from bench.recording import Run, open_run
+
+N_CYCLES = 24
+
+
+@dataclass(frozen=True)
+class Night:
+    """A run that met everything it can survive."""
+
+    code: int
+    out: str
+    err: str
+    run: Run
+    stopped_in: list[int]
+    """Cycles in which the robot was stopped."""
+
+
+@pytest.fixture(scope="module")
+def night(tmp_path_factory: pytest.TempPathFactory) -> Night:
+    bench = FaultBench(tmp_path_factory.mktemp("night"), "127.0.64.31", N_CYCLES)
+    stopped_in = []
+    try:
+        bench.wait("the first cycle", lambda: bench.n_completed() > 0)
+        stopped_in.append(bench.hold_and_go_on("protective_stop", bench.unlock, lambda: bench.admin("resume")))
+        stopped_in.append(bench.hold_and_go_on("safeguard_stop on", lambda: bench.admin("safeguard_stop off")))
+        stopped_in.append(bench.hold_and_go_on("pause", lambda: bench.admin("resume")))
+        bench.hold_and_go_on("slider 0.5", lambda: bench.admin("slider 1.0"))
+        bench.hold_and_go_on("tracker_stall 3")
+        bench.hold_and_go_on("stall 3")
+        bench.hold_and_go_on("rst")
+        bench.hold_and_go_on("fin")
+        bench.wait_for_cycle()
+        bench.admin("local on")
+        code, out, err = bench.finish()
+    finally:
+        bench.close()
+    return Night(code, out, err, open_run(bench.run_file), stopped_in)
+
+
+def test_the_run_ends_with_every_cycle_once(night: Night) -> None:
+    assert night.code == 0, night.err + night.out
+    events = night.run["/cycle/event"]
+    assert events.cycle_index[events.kind == 2].tolist() == list(range(N_CYCLES))
+    assert f"{N_CYCLES} of {N_CYCLES} cycles completed" in night.out
+
+
+def test_the_screen_says_what_to_do_about_each(night: Night) -> None:
+    for words in (
+        "Look at robot and cable, clear the stop at the pendant",
+        "Resume the program at the pendant.",
+        "Close the safeguard",
+        "Put the speed slider back to 100%",
+        "Check the tracker's streaming",
+        "Look at the robot and its network cable",
+    ):
+        assert words in night.out, words
+    assert "Traceback" not in night.err
+
+
+def test_every_hold_and_its_reason_is_in_the_file(night: Night) -> None:
+    states = night.run["/run/state"]
+    reasons = [str(r) for s, r in zip(states.state, states.reason, strict=True) if s == "HOLDING"]
+    assert len(reasons) >= 8
+    for words in ("Protective stop", "Safeguard stop", "was paused", "slider was moved", "sent no frame", "closed the"):
+        assert any(words in reason for reason in reasons), words
+    said = "\n".join(str(text) for text in night.run["/log"].text)
+    assert said.count("Over: robot link lost.") >= 3
+
+
+def test_exactly_the_cycles_in_which_the_robot_was_stopped_are_marked(night: Night) -> None:
+    events = night.run["/cycle/event"]
+    assert events.cycle_index[events.kind == 3].tolist() == night.stopped_in
+
+
+def test_the_report_judges_each_cycle_by_it(night: Night, tmp_path: Path) -> None:
+    report = bench("report", night.run.path, "--output", tmp_path / "a")
+    assert report.returncode == 6, report.stderr  # outcome ERROR: the bench, not the cable
+    table = pq.read_table(tmp_path / "a" / "cycles.parquet").to_pydict()
+    assert table["cycle_index"] == list(range(N_CYCLES))
+    interrupted = [i for i, verdict in enumerate(table["verdict"]) if verdict == "interrupted"]
+    assert interrupted == night.stopped_in
+    assert "slow" in table["verdict"]
+    assert "gap" in table["verdict"]
+
+
+@pytest.mark.parametrize(
+    ("fault", "host", "exit_code", "words"),
+    [
+        ("emergency_stop", "127.0.64.41", 3, "Robot emergency stop in cycle"),
+        ("foreign_program other.urp", "127.0.64.43", 3, "The robot program stopped in cycle"),
+        ("reboot", "127.0.64.45", 4, "counter went from 1 to 0"),
+    ],
+)
+def test_what_ends_the_program_ends_the_run_in_order(
+    tmp_path: Path, fault: str, host: str, exit_code: int, words: str
+) -> None:
+    bench = FaultBench(tmp_path, host, 50)
+    try:
+        bench.wait_for_cycle()
+        bench.admin(fault)
+        code, out, err = bench.finish()
+    finally:
+        bench.close()
+    assert code == exit_code, out + err
+    assert err.startswith("error: ")
+    assert words in err
+    assert "--resume" in err
+    run = open_run(bench.run_file)
+    assert (run.status.complete, run.exit_status) == (True, "fail")
+    events = run["/cycle/event"]
+    assert events.cycle_index[events.kind == 3].tolist() == [int(events.cycle_index[events.kind == 2][-1]) + 1]
+    assert not bench.run_file.with_name("a.mcap.journal").exists()
+
+
+def test_a_run_that_was_ended_by_an_emergency_stop_goes_on_with_resume(tmp_path: Path) -> None:
+    fault_bench = FaultBench(tmp_path, "127.0.64.51", 8)
+    try:
+        fault_bench.wait_for_cycle()
+        fault_bench.admin("emergency_stop")
+        assert fault_bench.finish()[0] == 3
+    finally:
+        fault_bench.close()
+    resumed = bench(
+        "run", "--cycles", "8", "--speed", "8", "--resume", fault_bench.run_file, "--output", tmp_path / "b.mcap"
+    )
+    assert resumed.returncode == 0, resumed.stderr + resumed.stdout
+    done = [events.cycle_index[events.kind == 2].tolist() for events in
+            (open_run(tmp_path / name)["/cycle/event"] for name in ("a.mcap", "b.mcap"))]  # fmt: skip
+    assert done[0] + done[1] == list(range(8))
