@@ -161,15 +161,16 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     order = np.lexsort((ticks, segment))
     host = clock.host_ns[order]
     runtime_state = _ints(state.runtime_state)[order]
-    signs = RobotSigns(_ints(state.digital_outputs)[order], state.q_rad[order], state.qd_rad_s[order])
-    count, running = _ints(state.cycle_count)[order], _ints(state.cycle_running)[order]
-    if source is not None:
+    if source is None:
+        count, running = _ints(state.cycle_count)[order], _ints(state.cycle_running)[order]
+    else:
+        signs = RobotSigns(_ints(state.digital_outputs)[order], state.q_rad[order], state.qd_rad_s[order])
         count, running = count_cycles(source, runtime_state, signs)
     phase = np.asarray(state.cycle_phase, dtype=np.float64)[order]
     counter = CounterColumns(host, count, running, phase, runtime_state)
     # the field and not the message's own number, which is 32 bits wide
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
-    speed_rad_s = np.abs(signs.qd_rad_s).max(axis=1, initial=0.0)
+    speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
     return RobotSamples(source, counter, speed_rad_s, gaps, _findings("robot", clock))
 
 
