@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import psutil
 from bench_command import start_bench
 
 from bench.config import simulated_config_text
@@ -91,6 +92,10 @@ class FaultBench:
             remedy()
         self.wait(f"the run goes on after {fault}", lambda: self.count("RUNNING") > running)
         return n_completed
+
+    def kill_simulator(self) -> None:
+        for child in psutil.Process(self._process.pid).children(recursive=True):
+            child.kill()
 
     def unlock(self) -> None:
         """Release the protective stop as a person does at the pendant, and wait long enough for a wrong restart."""

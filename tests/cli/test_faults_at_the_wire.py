@@ -124,6 +124,32 @@ def test_what_ends_the_program_ends_the_run_in_order(
     assert not bench.run_file.with_name("a.mcap.journal").exists()
 
 
+def test_a_simulated_bench_that_is_killed_ends_the_run_and_resume_adds_up(tmp_path: Path) -> None:
+    fault_bench = FaultBench(tmp_path, "127.0.64.61", 8)
+    try:
+        fault_bench.wait_for_cycle()
+        fault_bench.kill_simulator()
+        code, out, err = fault_bench.finish()
+    finally:
+        fault_bench.close()
+    assert code == 3, out + err
+    assert "The simulated bench has ended" in err
+    assert open_run(fault_bench.run_file).status.complete
+    resume_and_count(tmp_path, 8)
+
+
+def resume_and_count(folder: Path, n_cycles: int) -> None:
+    """Go on with ``a.mcap`` in ``b.mcap`` and check that the cycles of both add up."""
+    first, second = folder / "a.mcap", folder / "b.mcap"
+    resumed = bench("run", "--cycles", str(n_cycles), "--speed", "8", "--resume", first, "--output", second)
+    assert resumed.returncode == 0, resumed.stderr + resumed.stdout
+    done: list[int] = []
+    for path in (first, second):
+        events = open_run(path)["/cycle/event"]
+        done += events.cycle_index[events.kind == 2].tolist()
+    assert done == list(range(n_cycles))
+
+
 def test_a_run_that_was_ended_by_an_emergency_stop_goes_on_with_resume(tmp_path: Path) -> None:
     fault_bench = FaultBench(tmp_path, "127.0.64.51", 8)
     try:
@@ -132,10 +158,4 @@ def test_a_run_that_was_ended_by_an_emergency_stop_goes_on_with_resume(tmp_path:
         assert fault_bench.finish()[0] == 3
     finally:
         fault_bench.close()
-    resumed = bench(
-        "run", "--cycles", "8", "--speed", "8", "--resume", fault_bench.run_file, "--output", tmp_path / "b.mcap"
-    )
-    assert resumed.returncode == 0, resumed.stderr + resumed.stdout
-    done = [events.cycle_index[events.kind == 2].tolist() for events in
-            (open_run(tmp_path / name)["/cycle/event"] for name in ("a.mcap", "b.mcap"))]  # fmt: skip
-    assert done[0] + done[1] == list(range(8))
+    resume_and_count(tmp_path, 8)

@@ -153,6 +153,7 @@ class _Session:
         )
         closing.add("the run file", self._close_writer, limit_s=CLOSE_FILE_S)
         self._states = RunStates(clock, self._record_state)
+        self._simulator: SimulatorProcess | None = None
         self._progress = RunProgress(options.n_cycles, options.n_before)
         self._ending = Ending(ExitStatus.FAIL, "ended without a reason")
         self._warnings: list[str] = []
@@ -180,6 +181,8 @@ class _Session:
             self._journal.note_state(record)
 
     def _refresh(self, links: BenchLinks) -> None:
+        if self._simulator is not None:
+            self._simulator.verify_alive()
         self._journal.note_completed(self._progress.n_completed)
         self._view.update(self._progress, self._writer, links, self._clock)
 
@@ -205,7 +208,7 @@ class _Session:
             text = self._options.origin.describe()
             self._view.say(text)
             self._writer.put(LogEntry(self._clock.now_ns(), Severity.INFO, "run", text))
-        _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
+        self._simulator = _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
         writer = self._writer
         links = BenchLinks(
             self._config,
@@ -295,15 +298,18 @@ def _start_clock(config: Config, speed: float) -> RunClock:
     return RunClock.start(speed)
 
 
-def _start_simulator(config: Config, clock: RunClock, truth: Path | None, closing: Closing, view: RunView) -> None:
+def _start_simulator(
+    config: Config, clock: RunClock, truth: Path | None, closing: Closing, view: RunView
+) -> SimulatorProcess | None:
     if config.simulation is None:
         if truth is not None:
             raise ConfigError("--truth was given, but only the simulated bench knows the truth.")
-        return
+        return None
     simulator = SimulatorProcess(config, clock, truth)
     closing.add("the simulated bench", simulator.close, limit_s=120.0)
     for line in simulator.start():
         view.say(line)
+    return simulator
 
 
 def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None) -> list[Item]:

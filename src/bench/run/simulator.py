@@ -15,7 +15,7 @@ import time
 from pathlib import Path
 
 from bench.config import Config, RobotConfig, to_toml
-from bench.errors import ConfigError, ConnectError
+from bench.errors import ConfigError, ConnectError, LinkLostError
 from bench.timing import RunClock
 
 __all__ = ["SimulatorProcess", "with_free_addresses"]
@@ -86,6 +86,14 @@ class SimulatorProcess:
                         break
                     received += piece
         return [line for line in received.decode("utf-8", "replace").splitlines() if line.startswith("ready ")]
+
+    def verify_alive(self) -> None:
+        """Raise `LinkLostError` if the child has ended by itself: nobody will start it again."""
+        code = self._process.poll() if self._process is not None else None
+        if code is not None:
+            raise LinkLostError(
+                f"The simulated bench has ended (exit code {code}).", hint="Go on with --resume, which starts another."
+            )
 
     def close(self) -> None:
         """End the child: its input closes, and it is killed if that does not end it. May be called twice."""
