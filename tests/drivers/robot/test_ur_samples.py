@@ -190,7 +190,7 @@ def test_an_unreadable_text_ends_nothing():
     assert "unreadable text ff00" in stream.logs[0].text
 
 
-@pytest.mark.parametrize("time_s", [math.nan, math.inf])
+@pytest.mark.parametrize("time_s", [math.nan, math.inf, 1e300, -0.002])
 def test_a_time_that_is_none_is_refused(time_s):
     with pytest.raises(ProtocolError, match="controller time"):
         Stream().take(time_s)
@@ -199,6 +199,12 @@ def test_a_time_that_is_none_is_refused(time_s):
 def test_a_vector_where_a_number_is_due_is_refused():
     recipe = Recipe(["timestamp", "actual_q"], ["DOUBLE", "DOUBLE"], 1)
     with pytest.raises(ProtocolError, match="gives 'actual_q' as 1 numbers where 6 are due"):
+        SampleReader(Session((5, 15, 0, 0), 500.0, recipe, recipe, ()), CYCLE, ManualClock(), lambda record: None)
+
+
+def test_a_real_number_where_a_whole_one_is_due_is_refused():
+    recipe = Recipe(["timestamp", "robot_mode"], ["DOUBLE", "DOUBLE"], 1)
+    with pytest.raises(ProtocolError, match="gives 'robot_mode' as a real number where a whole one is due"):
         SampleReader(Session((5, 15, 0, 0), 500.0, recipe, recipe, ()), CYCLE, ManualClock(), lambda record: None)
 
 

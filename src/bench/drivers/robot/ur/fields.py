@@ -101,7 +101,8 @@ def make_picker(recipe: Recipe, cycle: CycleConfig) -> Picker:
     Raises
     ------
     ValueError
-        The controller gives one of the fields as a number where six are due, or the other way round.
+        The controller gives one of the fields as a number where six are due, or the other way round, or as a real
+        number where a whole one is due.
     """
     outputs = _outputs(cycle)
     keys: list[int | slice] = []
@@ -118,6 +119,8 @@ def _present_key(recipe: Recipe, field: str, name: str) -> int | slice:
     due = WIDTHS.get(field, 1)
     if width != due:
         raise ValueError(f"gives '{name}' as {width} numbers where {due} are due")
+    if field not in REALS and due == 1 and recipe.types[recipe.names.index(name)] == "DOUBLE":
+        raise ValueError(f"gives '{name}' as a real number where a whole one is due")
     return key
 
 

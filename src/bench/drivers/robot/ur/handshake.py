@@ -26,6 +26,7 @@ __all__ = ["Session", "delivered_rate_hz", "start_session"]
 CB3_MAJOR = 3
 CB3_RATE_HZ = 125.0
 E_SERIES_RATE_HZ = 500.0
+GRANT_TYPE = "INT32"
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,4 +123,6 @@ def _set_up_grant(link: RtdeLink, register: int) -> Recipe:
         raise DeviceStateError(
             f"The {link.peer} has no {name}.", hint="Choose another [robot.cycle] grant_register (0 to 23 on old ones)."
         )
+    if types != [GRANT_TYPE]:
+        raise ProtocolError(f"it gives {name} the type '{','.join(types)}' where {GRANT_TYPE} is due.")
     return Recipe([name], types, recipe_id)

@@ -25,6 +25,8 @@ GAP_LOG_PERIOD_NS = 1_000_000_000
 SAME_CLOCK_S = 2.0
 """Over a break our clock and the controller's agree to its delays, which are below a second; if they do not, it
 restarted meanwhile."""
+LONGEST_TIME_S = 1e9
+"""No controller has been on for 32 years."""
 SEVERITIES = {0: Severity.ERROR, 1: Severity.ERROR, 2: Severity.WARN, 3: Severity.INFO}
 
 
@@ -119,10 +121,9 @@ class SampleReader:
 
     def _decode(self, arrival_ns: int, payload: bytes) -> RobotState:
         time_s, *values = self._pick(self._recipe.unpack(payload))
-        try:
-            sequence = round(time_s * self._rate_hz)
-        except (ValueError, OverflowError) as error:
-            raise ProtocolError(f"the controller time {time_s} arrived, which is none.") from error
+        if not 0.0 <= time_s <= LONGEST_TIME_S:
+            raise ProtocolError(f"the controller time {time_s} arrived, which is none.")
+        sequence = round(time_s * self._rate_hz)
         latest = self.latest
         if latest is not None and (sequence - 1 != latest.sequence or self._is_resuming):
             self._note_break(latest, arrival_ns, sequence, time_s)
