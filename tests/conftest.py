@@ -15,6 +15,14 @@ LEAK_PATIENCE_S = 5.0
 """A thread that was told to end may need a moment on a busy machine; one that was not never ends."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Name the real devices of a lab, for the tests that `-m hardware` selects."""
+    lab = parser.getgroup("lab", "real devices; the robot MOVES")
+    lab.addoption("--robot", metavar="HOST", help="address of a real robot controller")
+    lab.addoption("--program", metavar="NAME", help="its program, with the bench's snippet")
+    lab.addoption("--tracker", metavar="HOST", help="address of a real tracker")
+
+
 @pytest.fixture(autouse=True)
 def no_leaks() -> Iterator[None]:
     """Fail a test that leaves a thread or a child process behind. (Sockets and files: ResourceWarning is an error.)"""

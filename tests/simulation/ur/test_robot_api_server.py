@@ -97,6 +97,13 @@ def test_a_program_is_loaded_played_paused_resumed_and_stopped(web):
     assert (web.act("stop"), web.state) == (200, "STOPPED")
 
 
+def test_another_program_that_a_person_loads_is_the_one_that_is_told(web):
+    web.do("program/v1/loaded", {"name": "bend_test"})
+    web.machine.load_foreign("weld.urpx")
+    assert web.ask("GET", "program/v1/loaded")[1]["name"] == "weld"
+    assert web.act("play") == 409
+
+
 def test_the_reply_comes_before_the_effect(web):
     assert web.ask("PUT", "program/v1/loaded", {"name": "bend_test"})[0] == 200
     assert web.ask("GET", "program/v1/loaded")[1]["name"] == ""

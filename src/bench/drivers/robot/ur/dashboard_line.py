@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import socket
 
-__all__ = ["LineDashboard"]
+__all__ = ["LONGEST_REPLY", "LineDashboard"]
 
 PORT = 29999
 ANSWER_LIMIT_S = 2.5

@@ -13,8 +13,9 @@ from contextlib import suppress
 from typing import Any
 
 from bench.config import RobotConfig
-from bench.drivers.robot.ur.dashboard_line import LineDashboard
+from bench.drivers.robot.ur.dashboard_line import LONGEST_REPLY, LineDashboard
 from bench.drivers.robot.ur.effect import EFFECT_LIMIT_S, LOAD_LIMIT_S, SAFETY_HINT, wait_for_effect
+from bench.drivers.robot.ur.words import one_line
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
 from bench.timing import Clock
 
@@ -80,7 +81,7 @@ class UrDashboardProgram:
                     f"The dashboard server of {self._peer} does not tell its version.",
                     hint="Wait until the robot has started.",
                 ) from error
-            self.version = tuple(int(part) for part in re.findall(r"\d+", str(text))[:4])
+            self.version = tuple(int(part) for part in re.findall(r"[0-9]{1,9}", str(text))[:4])
 
     def _connect(self) -> None:
         self._disconnect()
@@ -198,12 +199,13 @@ class UrDashboardProgram:
         if self._client is None:
             self._connect()
         try:
-            return getattr(self._client, method)(*arguments)
+            reply = getattr(self._client, method)(*arguments)
         except Exception as error:
-            fault = self._translate(command, str(error))
+            fault = self._translate(command, one_line(str(error)))
             if not isinstance(fault, DeviceStateError):
                 self._disconnect()
             raise fault from error
+        return one_line(reply, LONGEST_REPLY) if isinstance(reply, str) else reply
 
     def _translate(self, command: str, said: str) -> DeviceError:
         text = said.lower()
@@ -253,5 +255,5 @@ def _is_same(loaded: str, program: str) -> bool:
 
 
 def _as_clause(said: object) -> str:
-    text = str(said).strip().rstrip(".")
+    text = one_line(str(said)).rstrip(".")
     return text[:1].lower() + text[1:]

@@ -14,9 +14,10 @@ from typing import Any
 
 import httpx
 
+from bench.drivers.robot.ur.words import one_line
 from bench.errors import ConnectError, DeviceError, DeviceTimeoutError, LinkLostError, ProtocolError
 
-__all__ = ["Answer", "RestLink", "one_line"]
+__all__ = ["Answer", "RestLink"]
 
 LARGEST_ANSWER = 4_194_304
 """The largest answer is the API's own description, some hundred kilobytes."""
@@ -24,8 +25,6 @@ MAX_REDIRECTS = 3
 """Paths have moved between versions of the Robot API, with a redirect from the old one."""
 MOVED_STATUSES = (307, 308)
 """The redirects that keep method and body."""
-QUOTED_CHARACTERS = 200
-"""So much of what a server says goes into a sentence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,9 +148,3 @@ def _parse(received: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         return {}
     return data if isinstance(data, dict) else {}
-
-
-def one_line(text: str) -> str:
-    """Return what a stranger said so that it fits into a sentence: short, in one line, printable."""
-    short = " ".join(text.split())[:QUOTED_CHARACTERS]
-    return "".join(character if character.isprintable() else "?" for character in short)

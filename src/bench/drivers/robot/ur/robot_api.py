@@ -15,7 +15,8 @@ from contextlib import suppress
 
 from bench.config import RobotConfig
 from bench.drivers.robot.ur.effect import EFFECT_LIMIT_S, LOAD_LIMIT_S, SAFETY_HINT, wait_for_effect
-from bench.drivers.robot.ur.rest_link import Answer, RestLink, one_line
+from bench.drivers.robot.ur.rest_link import Answer, RestLink
+from bench.drivers.robot.ur.words import one_line
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError, ProtocolError
 from bench.timing import Clock
 

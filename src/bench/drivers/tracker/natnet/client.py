@@ -99,6 +99,8 @@ class NatNetTracker:
         except BaseException:
             self._link.close()
             raise
+        self._stopping.clear()
+        self._lost_told = self._silent = False
         self._sink = sink
         self._stream = FrameStream(self._link, self._clock, sink, bitstream, server.clock_hz, self._on_missed)
         self._thread = threading.Thread(target=self._run, name="natnet-reader", daemon=True)
