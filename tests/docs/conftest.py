@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 from example_take import write_example_take
-from markdown_pages import ROOT, find_blocks
+from markdown_pages import CONFIGS, ROOT, find_blocks
 
 
 @pytest.fixture(scope="session")
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make once what the pages take as given: a recording of two cycles with its report, an old take, two configs."""
+    """Make once what the pages take as given: a recording of two cycles and its report, an old take, configs."""
     folder = tmp_path_factory.mktemp("material")
     bench = [sys.executable, "-m", "bench"]
     for arguments in (["run", "--cycles", "2", "--speed", "10", "--output", "run.mcap"], ["report", "run.mcap"]):
@@ -22,6 +23,8 @@ def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
         )
         assert made.returncode == 0, made.stdout + made.stderr
     write_example_take(folder / "take.csv")
+    for name in ("modbus_simulated.toml", "modbus_generic_plc.toml"):
+        shutil.copy(CONFIGS / name, folder)
     readme = find_blocks(ROOT / "README.md")
     for block in readme:
         if "file" in block.notes:

@@ -35,7 +35,7 @@ $ bench config schema
 ```
 
 `show` prints the file with every default filled in; that resolved text is what travels in the run file. `schema`
-prints a JSON schema for editors. [`bench_configs/`](../../bench_configs/) has three files to start from.
+prints a JSON schema for editors. [`bench_configs/`](../../bench_configs/) has files to start from.
 
 **bold**: must be given. Which tables are needed depends on the command: `bench run` and `bench check` need `[robot]`
 and `[tracker]`; `bench import` and `bench report` do not.

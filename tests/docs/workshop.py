@@ -53,7 +53,7 @@ class Workshop:
         if is_whole(data):
             parse_config(block.text, block.place)
         else:
-            parse_config(tomli_w.dumps(merge(_lab_example(), data)), block.place)
+            parse_config(tomli_w.dumps(merge(_example_for(data), data)), block.place)
         if "file" in block.notes:
             self._folder.joinpath(block.notes["file"]).write_text(block.text, encoding="utf-8")
         if "edit" in block.notes:
@@ -103,8 +103,10 @@ def verify_options(arguments: list[str]) -> None:
     command.make_context(command.name, list(arguments))
 
 
-def _lab_example() -> dict[str, Any]:
-    data = tomllib.loads((CONFIGS / "lab_example.toml").read_text(encoding="utf-8"))
+def _example_for(part: dict[str, Any]) -> dict[str, Any]:
+    """Return the whole configuration that a part of one belongs to."""
+    name = "modbus_generic_plc" if part.get("robot", {}).get("kind") == "modbus" else "lab_example"
+    data = tomllib.loads((CONFIGS / f"{name}.toml").read_text(encoding="utf-8"))
     assert Config.model_validate(data).robot is not None
     return data
 

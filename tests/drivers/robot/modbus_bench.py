@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,6 +23,8 @@ from bench.timing import RunClock
 
 SIMULATED = (Path(__file__).parents[3] / "bench_configs" / "modbus_simulated.toml").read_text(encoding="utf-8")
 PATIENCE_S = 10.0
+LOOPBACK = f"127.{os.getpid() % 200 + 1}.62"
+"""Of this process alone: two runs of the tests on one machine do not meet."""
 SPEED = 4.0
 
 _hosts = itertools.count(1)
@@ -30,7 +33,7 @@ _hosts = itertools.count(1)
 def make_config(*changes: tuple[str, str]) -> ModbusRobotConfig:
     """Return the simulated register map on an address of its own, with replacements made."""
     text = SIMULATED
-    for old, new in [("127.0.0.61", f"127.0.62.{next(_hosts)}"), *changes]:
+    for old, new in [("127.0.0.61", f"{LOOPBACK}.{next(_hosts)}"), *changes]:
         assert old in text, f"{old!r} is not in the simulated configuration"
         text = text.replace(old, new)
     robot = parse_config(text, "modbus.toml").robot

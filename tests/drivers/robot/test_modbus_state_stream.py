@@ -8,7 +8,7 @@ import socket
 import threading
 
 import pytest
-from modbus_bench import SPEED, make_config, rig, wait_until
+from modbus_bench import make_config, rig, wait_until
 
 from bench.drivers.robot.modbus import ModbusStateStream
 from bench.errors import ConnectError, DeviceStateError, DeviceTimeoutError, LinkLostError
@@ -17,13 +17,13 @@ from bench.timing import RunClock
 QUICK = ("unit_id = 1", "unit_id = 1\ntimeout_s = 0.1\nretries = 0")
 
 
-def test_every_poll_is_a_state_on_its_grid_with_a_stamp_between_request_and_answer() -> None:
+def test_every_poll_is_a_state_with_a_stamp_between_request_and_answer() -> None:
     with rig() as bench, bench.streaming():
         wait_until(lambda: len(bench.seen.states) >= 40, "40 states")
         states = bench.seen.states
     steps = [b.sequence - a.sequence for a, b in itertools.pairwise(states)]
-    assert min(steps) >= 1
-    assert sum(steps) - len(steps) == sum(bench.seen.missed)
+    assert set(steps) == {1}
+    assert not bench.seen.missed
     assert all(state.capture_ns <= state.arrival_ns for state in states)
     assert all(b.controller_time_s >= a.controller_time_s for a, b in itertools.pairwise(states))
     assert {state.segment for state in states} == {0}
@@ -138,7 +138,7 @@ def test_late_answers_are_missed_polls_and_never_taken_for_another() -> None:
         n_before = len(seen.states)
         wait_until(lambda: len(seen.states) > n_before + 20, "states again")
     assert not seen.lost
-    assert sum(seen.missed) >= 0.1 * SPEED * 50 * 0.5
+    assert sum(seen.missed) >= 1
     assert {state.cycle_count for state in seen.states} == {0}
 
 
@@ -198,7 +198,7 @@ def test_a_controller_that_is_only_observed_is_never_written() -> None:
 
 def test_nobody_there_is_one_sentence() -> None:
     config = make_config()
-    with pytest.raises(ConnectError, match=r"Modbus controller 127.0.62.\d+:5020 cannot be reached within 0.4 s"):
+    with pytest.raises(ConnectError, match=r"Modbus controller 127.\d+.62.\d+:5020 cannot be reached within 0.4 s"):
         ModbusStateStream(config, RunClock.start()).open(lambda _record: None)
 
 

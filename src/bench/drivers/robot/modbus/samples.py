@@ -82,8 +82,8 @@ class SampleMaker:
         value = self._base + total
         return value if grant is None or grant.type.startswith("f") else wrap_to_type(grant.type, value)
 
-    def make(self, reading: Reading, slot: int) -> RobotState:
-        """Return the state that goes with one reading; `slot` is its place on the grid of polls."""
+    def make(self, reading: Reading, number: int) -> RobotState:
+        """Return the state that goes with one reading; `number` counts the polls, answered or not."""
         mapped = self._map
         state = name_state(mapped, reading)
         capture_ns = (reading.before_ns + reading.after_ns) // 2
@@ -99,7 +99,7 @@ class SampleMaker:
         return RobotState(
             arrival_ns=reading.after_ns,
             capture_ns=capture_ns,
-            sequence=slot,
+            sequence=number,
             segment=self._n_reconnects + (self._time.n_restarts if self._time else 0),
             controller_time_s=time_s,
             q_rad=self._joints(reading),

@@ -25,6 +25,8 @@ SILENCE_S = 1.0
 """Machine time without one good answer after which the link is lost; the same as for a UR."""
 FAILED_PAUSE_S = 0.1
 """Machine time before a controller that failed is asked again: it may be starting."""
+MOST_BEHIND = 25
+"""Polls that are made up for after a stall of this machine, so that the rate holds; beyond it they are left out."""
 LOG_PERIOD_S = 1.0
 LOST_HINT = "Look at the controller and its network cable; the cycle under way counts as interrupted."
 
@@ -42,7 +44,7 @@ class ModbusStateStream:
     clock : Clock
         Paces the polls and stamps them; limits on the link are in the machine's own seconds.
     on_missed : callable, optional
-        Called with the topic and the number of polls that gave no state.
+        Called with the topic and the number of polls that were not answered with a state.
     on_lost : callable, optional
         Called once for each loss of the link or of the controller's heartbeat, from the polling thread.
     on_restored : callable, optional
@@ -82,7 +84,7 @@ class ModbusStateStream:
         self._sink: RecordSink = _nowhere
         self._good_ns = self._lost_ns = self._said_ns = 0
         self._said = ""
-        self._good_slot = -1
+        self._good_number = -1
         self._is_lost = self._was_silent = False
 
     def open(self, sink: RecordSink) -> DeviceInfo:
@@ -104,7 +106,7 @@ class ModbusStateStream:
         except BaseException:
             self._link.close()
             raise
-        self._good_ns, self._good_slot = self._clock.now_ns(), -1
+        self._good_ns, self._good_number = self._clock.now_ns(), -1
         arguments = (self._maker, origin_ns)
         self._thread = threading.Thread(target=self._run, args=arguments, name="modbus-state", daemon=True)
         self._thread.start()
@@ -163,20 +165,21 @@ class ModbusStateStream:
 
     def _run(self, maker: SampleMaker, origin_ns: int) -> None:
         """Body of the polling thread: until closed, or until a loss is final."""
-        period_ns, slot = 1e9 / self._config.poll_rate_hz, 0
+        period_ns, slot, number = 1e9 / self._config.poll_rate_hz, 0, 0
         try:
             while not self._closing.is_set():
                 self._clock.sleep_until_ns(origin_ns + round(slot * period_ns))
-                if not self._closing.is_set() and not self._poll(maker, slot):
+                if not self._closing.is_set() and not self._poll(maker, number):
                     return
                 due = (self._clock.now_ns() - origin_ns) / period_ns
-                slot = max(slot + 1, int(due))  # what was due long ago is missed, not made up for
+                slot = max(slot + 1, int(due) - MOST_BEHIND)
+                number += 1
         except Exception as fault:
             logger.exception("Polling the %s failed", self._link.peer)
             text = f"The polling of the {self._link.peer} ended by a fault of bench: {fault}."
             self._report_lost(LinkLostError(text))
 
-    def _poll(self, maker: SampleMaker, slot: int) -> bool:
+    def _poll(self, maker: SampleMaker, number: int) -> bool:
         """Ask once. False when the link is lost for good."""
         trouble: DeviceError | None = None
         try:
@@ -195,12 +198,12 @@ class ModbusStateStream:
             self._good_ns = reading.after_ns
             if self._beats is not None:
                 self._beats.take(reading.raw["heartbeat_in"])
-            self._sink(maker.make(reading, slot))
-            self._count_missed(slot)
+            self._sink(maker.make(reading, number))
+            self._count_missed(number)
         return self._judge(trouble)
 
-    def _count_missed(self, slot: int) -> None:
-        missed, self._good_slot = slot - self._good_slot - 1, slot
+    def _count_missed(self, number: int) -> None:
+        missed, self._good_number = number - self._good_number - 1, number
         if missed and self._on_missed is not None:
             self._on_missed(TOPIC, missed)
 
