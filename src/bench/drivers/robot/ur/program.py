@@ -189,10 +189,22 @@ class UrDashboardProgram:
         wait_for_effect(self._clock, self._peer, command, is_reached, limit_s)
 
     def _call(self, command: str, method: str, *arguments: str) -> Any:
+        """Ask the dashboard, and once more over a new connection where the old one turns out to be gone.
+
+        A connection may have broken hours ago, unnoticed, and a stop must get through. `play` alone is not repeated: it
+        may have been obeyed before the reply was lost.
+        """
+        try:
+            return self._exchange(command, method, *arguments)
+        except LinkLostError:
+            if not self._is_open or command == "play":
+                raise
+        return self._exchange(command, method, *arguments)
+
+    def _exchange(self, command: str, method: str, *arguments: str) -> Any:
         """Call ur_rtde and turn whatever it raises into one of our errors.
 
-        After a failed exchange its connection is of no more use, so the next call makes a new one: a stop must get
-        through after a hiccup.
+        After a failed exchange its connection is of no more use, so the next one makes a new one.
         """
         if not self._is_open:
             raise LinkLostError(f"The dashboard server of {self._peer} is not connected, so '{command}' is not sent.")
