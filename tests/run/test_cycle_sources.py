@@ -196,3 +196,12 @@ def _second_half() -> list[RobotState]:
     robot = FreeRobot(np.random.default_rng(2))
     robot.drive(40, high=40)
     return robot.states[20:]
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_a_program_that_never_plays_counts_nothing(name: str) -> None:
+    robot = FreeRobot(np.random.default_rng(1))
+    robot.stand(3, runtime_state=1)
+    columns = count(robot.states, SOURCES[name])
+    assert columns.count.tolist() == [-1, -1, -1]
+    assert columns.running.tolist() == [0, 0, 0]

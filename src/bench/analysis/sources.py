@@ -210,7 +210,7 @@ def count_cycles(source: CycleSource, runtime_state: Ints, signs: RobotSigns) ->
     stopped = np.isin(runtime_state, RUNTIME_STOPPED)
     begins = np.flatnonzero(~stopped & np.concatenate([[True], stopped])[:n])
     counter = _Counter(source.ends_at_next)
-    for low, high in zip(begins, [*begins[1:], n], strict=True):
+    for low, high in zip(begins, [*begins, n][1:], strict=True):
         before = _part(signs, slice(max(low - 1, 0), max(low, 1)))
         place = np.where(stopped[low:high], -1, source.places(_part(signs, slice(low, high)), before))
         counter.restart()
