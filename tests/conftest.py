@@ -10,6 +10,12 @@ from pathlib import Path
 
 import psutil
 import pytest
+from hypothesis import settings
+
+# The same examples in every run, so that a red suite means a change; HYPOTHESIS_PROFILE=search looks for new ones.
+settings.register_profile("repeatable", derandomize=True)
+settings.register_profile("search", derandomize=False)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LEAK_PATIENCE_S = 5.0
 """A thread that was told to end may need a moment on a busy machine; one that was not never ends."""
