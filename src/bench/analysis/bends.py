@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks
 
-__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "find_tighter", "map_by_phase", "summarise_cycles"]
+__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "find_peaks", "find_tighter", "map_by_phase", "summarise_cycles"]
 
 TRUSTED_CONFIDENCE = 0.75
 """Frames below this confidence do not enter a cycle's figures: a quarter of their markers is missing or doubtful."""
@@ -58,7 +58,8 @@ def summarise_cycles(
     inside = row >= 0
     n_frames = np.bincount(row[inside], minlength=n_cycles)
     n_complete = np.bincount(row[inside & complete], minlength=n_cycles)
-    peak, place, total, count = _summarise_frames(curvature_per_m)
+    peak, place = find_peaks(curvature_per_m)
+    total, count = _sum_frames(curvature_per_m)
     used = np.flatnonzero(inside & trusted & (count > 0))
     sums = np.bincount(row[used], total[used], minlength=n_cycles)
     counts = np.bincount(row[used], count[used], minlength=n_cycles)
@@ -69,6 +70,17 @@ def summarise_cycles(
     columns[:, has] = peak[frame], sigma_per_m[frame, place[frame]], arc_length_m[place[frame]]
     with np.errstate(invalid="ignore"):
         return CycleBends(n_frames, n_complete / n_frames, columns[0], columns[1], columns[2], sums / counts)
+
+
+def find_peaks(curvature_per_m: Floats32) -> tuple[Floats, Ints]:
+    """Return each frame's largest curvature (F,), NaN where it has no curve, and the index of its place (F,)."""
+    n_frames = len(curvature_per_m)
+    peak, place = np.full(n_frames, np.nan), np.zeros(n_frames, dtype=np.int64)
+    for start, stop in chunks(n_frames):
+        part = curvature_per_m[start:stop]
+        place[start:stop] = np.where(np.isfinite(part), part, -1.0).argmax(axis=1)
+        peak[start:stop] = part[np.arange(stop - start), place[start:stop]]
+    return peak, place
 
 
 def find_tighter(curvature_per_m: Floats32, limit_per_m: float) -> Bools:
@@ -93,19 +105,16 @@ def map_by_phase(curvature_per_m: Floats32, phase: Floats, trusted: Bools, n_bin
     return result
 
 
-def _summarise_frames(curvature_per_m: Floats32) -> tuple[Floats, Ints, Floats, Ints]:
-    """Return each frame's largest curvature, the index of its place, the sum and the number of its samples."""
+def _sum_frames(curvature_per_m: Floats32) -> tuple[Floats, Ints]:
+    """Return the sum and the number of each frame's samples."""
     n_frames = len(curvature_per_m)
-    peak, total = np.full(n_frames, np.nan), np.zeros(n_frames)
-    place, count = np.zeros(n_frames, dtype=np.int64), np.zeros(n_frames, dtype=np.int64)
+    total, count = np.zeros(n_frames), np.zeros(n_frames, dtype=np.int64)
     for start, stop in chunks(n_frames):
         part = curvature_per_m[start:stop]
         seen = np.isfinite(part)
-        place[start:stop] = np.where(seen, part, -1.0).argmax(axis=1)
         count[start:stop] = seen.sum(axis=1)
         total[start:stop] = np.where(seen, part, 0.0).sum(axis=1, dtype=np.float64)
-        peak[start:stop] = part[np.arange(stop - start), place[start:stop]]
-    return peak, place, total, count
+    return total, count
 
 
 def _largest_by_cycle(row: Ints, peak: Floats, n_cycles: int) -> Ints:

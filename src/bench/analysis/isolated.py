@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from scipy.ndimage import median_filter
 
-from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks
+from bench.analysis.arrays import Bools, Floats32, Ints
+from bench.analysis.bends import find_peaks
 
 __all__ = ["find_isolated_bends"]
 
@@ -37,7 +38,8 @@ def find_isolated_bends(curvature_per_m: Floats32, sigma_per_m: Floats32, usable
     (F,) bool
         A real bend that lasts less than half of `SPAN_S` is among them: whoever leaves these frames out must say so.
     """
-    peak, sigma = _tightest(curvature_per_m, sigma_per_m)
+    peak, place = find_peaks(curvature_per_m)
+    sigma = sigma_per_m[np.arange(len(peak)), place]
     frames = np.flatnonzero(usable & np.isfinite(peak))
     isolated = np.zeros(len(peak), dtype=bool)
     if len(frames) < FEWEST_FRAMES:
@@ -53,14 +55,3 @@ def _span_in_frames(time_ns: Ints) -> int:
     step_s = float(np.median(np.diff(time_ns))) * 1e-9
     n_frames = round(SPAN_S / step_s) if step_s > 0 else FEWEST_FRAMES
     return max(FEWEST_FRAMES, n_frames | 1)
-
-
-def _tightest(curvature_per_m: Floats32, sigma_per_m: Floats32) -> tuple[Floats, Floats]:
-    """Return each frame's largest curvature and its standard deviation, NaN where there is no curve."""
-    peak, sigma = np.full(len(curvature_per_m), np.nan), np.full(len(curvature_per_m), np.nan)
-    for start, stop in chunks(len(curvature_per_m)):
-        part = curvature_per_m[start:stop]
-        place = np.where(np.isfinite(part), part, -1.0).argmax(axis=1)
-        rows = np.arange(len(part))
-        peak[start:stop], sigma[start:stop] = part[rows, place], sigma_per_m[start:stop][rows, place]
-    return peak, sigma
