@@ -6,9 +6,11 @@ from fake_robot import FakeRobot, PumpingInbox
 
 from bench.config import PolicyConfig
 from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RobotState, RunState, StateChange
-from bench.run.engine import RunEngine, RunLimits, RunProgress
+from bench.run.engine import RunEngine
+from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
 from bench.run.holding import Holding
+from bench.run.progress import RunLimits, RunProgress
 from bench.run.states import RunStates
 from bench.run.watcher import CycleWatcher
 from bench.timing import ManualClock
@@ -18,7 +20,12 @@ class Setup:
     """An engine that is ready to run `n_cycles`."""
 
     def __init__(
-        self, n_cycles: int, limits: RunLimits | None = None, policy: PolicyConfig | None = None, n_before: int = 0
+        self,
+        n_cycles: int,
+        limits: RunLimits | None = None,
+        policy: PolicyConfig | None = None,
+        n_before: int = 0,
+        first_cycle_speed: float = 1.0,
     ) -> None:
         self.clock = ManualClock()
         self.robot = FakeRobot(self.clock)
@@ -42,6 +49,8 @@ class Setup:
         for state in (RunState.CONNECTING, RunState.CHECKING, RunState.ARMED):
             self.states.enter(state)
         self.progress = RunProgress(n_cycles, n_before)
+        if first_cycle_speed < 1.0:
+            self.robot.advance()  # the preflight has seen where the slider stands
         self.notes: list[str] = []
         self.engine = RunEngine(
             self.robot,
@@ -55,6 +64,7 @@ class Setup:
             self.records.append,
             self.progress,
             limits or RunLimits(hold_s=policy.hold_timeout_s),
+            FirstCycle(self.robot, first_cycle_speed, lambda: self.watcher.speed_fraction),
             refresh=self._note,
         )
 

@@ -16,14 +16,14 @@ TICKS_PER_WAIT = 6
 
 
 class FakeRobot:
-    """StateStream and ProgramControl at once: a program of 10 states a cycle, begun by grants."""
+    """StateStream, SpeedControl and ProgramControl at once: a program of 10 states a cycle, begun by grants."""
 
     def __init__(self, clock: ManualClock) -> None:
         self.clock = clock
         self.sink: Callable[[Record], None] = lambda _record: None
         self.granted = 0
         self.count = 7  # what an earlier run left in the register
-        self.step = -1
+        self.step = -1.0
         self.playing = False
         self.stopped_calls = 0
         self.tick = 0
@@ -33,6 +33,9 @@ class FakeRobot:
         self.paused = False
         self.safety_status = 1
         self.speed_fraction = 1.0
+        self.slider_stuck = False
+        self.slider_moves: list[float | None] = []
+        """Everything that was asked of the speed slider, in order."""
         self.reasons: list[str] = []
         self.commands: list[str] = []
         """Everything that was asked of the program control, in order."""
@@ -45,6 +48,14 @@ class FakeRobot:
         if self.link_broken:
             raise LinkLostError("The fake robot's link is broken.")
         self.granted = total
+
+    def move_slider(self, fraction: float | None) -> None:
+        if self.link_broken:
+            raise LinkLostError("The fake robot's link is broken.")
+        self.slider_moves.append(fraction)
+        if fraction is not None:
+            self.commands.append(f"slider {fraction:g}")
+            self.speed_fraction = self.speed_fraction if self.slider_stuck else fraction
 
     def check(self, program: str) -> list[str]:
         self.commands.append("check")
@@ -87,8 +98,8 @@ class FakeRobot:
         if self.step < 0 and self.granted > self.count:
             self.step = 0
         elif self.step >= 0:
-            self.step += 1
-            if self.step == STATES_PER_CYCLE:
+            self.step += self.speed_fraction
+            if self.step >= STATES_PER_CYCLE - 1e-9:
                 self.count, self.step = self.count + 1, -1
 
     def _state(self) -> RobotState:

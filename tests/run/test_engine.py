@@ -10,8 +10,8 @@ from fake_robot import FakeRobot
 
 from bench.errors import CycleSequenceError, CycleTimeoutError, DeviceStateError, DeviceTimeoutError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState, StateChange
-from bench.run.engine import RunLimits
 from bench.run.inbox import AbortRequested, StopRequested
+from bench.run.progress import RunLimits
 
 
 def test_a_thousand_cycles_are_each_granted_started_and_completed_once() -> None:

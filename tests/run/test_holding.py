@@ -15,8 +15,8 @@ from bench.config import PolicyConfig
 from bench.errors import CycleTimeoutError, DeviceStateError, DeviceTimeoutError, DiskFullError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState, StateChange
 from bench.run.conditions import ConditionKind, describe_lost_link
-from bench.run.engine import RunLimits
 from bench.run.inbox import ConditionCleared, ConditionRaised, StopRequested
+from bench.run.progress import RunLimits
 
 HOLD = [RunState.RUNNING, RunState.HOLDING, RunState.RUNNING, RunState.STOPPING]
 IN_CYCLE_2, BETWEEN_RESUMES, LATER = 30, 60, 90

@@ -34,6 +34,7 @@ def judge_cycles(
     robot_gaps: Gaps | None,
     slow_cycle_ratio: float,
     interrupted: Mapping[int, str] | None = None,
+    slowed: Mapping[int, str] | None = None,
 ) -> CycleVerdicts:
     """Judge every cycle: interrupted before gap, gap before slow, else ok.
 
@@ -49,6 +50,8 @@ def judge_cycles(
         A cycle longer than this times the median is slow.
     interrupted : mapping, optional
         What stopped the robot on its path, by `cycle_index`, though it may have gone on: as recorded in the run.
+    slowed : mapping, optional
+        How cycles were driven that were slower on purpose, by `cycle_index`: as recorded in the run.
     """
     stopped = np.isin(table.cycle_index, list(interrupted or {}))
     findings = [
@@ -69,7 +72,7 @@ def judge_cycles(
             reasons.setdefault(int(table.cycle_index[row]), []).append(sentence)
             if verdict[row] is Verdict.OK:
                 verdict[row] = kind
-    for cycle_index, detail in (interrupted or {}).items():
+    for cycle_index, detail in [*(interrupted or {}).items(), *(slowed or {}).items()]:
         if cycle_index in reasons and detail:
             reasons[cycle_index].append(detail.rstrip("."))
     return CycleVerdicts(verdict, reasons)

@@ -41,6 +41,13 @@ class RunConfig(Section):
     sample_id: str = Field("", max_length=200, description="Whatever identifies the cable under test.")
     operator: str = Field("", max_length=200, description="Who is responsible for the test.")
     output_dir: str = Field("runs", description="Folder of the run file when --output is left out.")
+    first_cycle_speed: float = Field(
+        1.0,
+        ge=0.02,
+        le=1,
+        description="Where the speed slider stands in the first cycle after each start, so that somebody can watch it; "
+        "then it is set back to where it was. 1: it is left alone. Below 0.02 a controller may stop protectively.",
+    )
 
 
 class CycleConfig(Section):
@@ -299,3 +306,12 @@ class Config(Section):
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
     policy: PolicyConfig = Field(default_factory=PolicyConfig)
     simulation: SimulationConfig | None = None
+
+    @model_validator(mode="after")
+    def _slow_cycle_is_granted(self) -> Config:
+        if self.run.first_cycle_speed < 1.0 and self.robot is not None and not self.robot.cycle.is_granted:
+            raise ValueError(
+                "[run] first_cycle_speed needs a program that waits for a grant before each cycle: only between two "
+                "cycles can the speed slider be set back"
+            )
+        return self

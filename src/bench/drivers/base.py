@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 from bench.model import DeviceInfo, Record
 
-__all__ = ["ProgramControl", "RecordSink", "ShownSignal", "SignalWatch", "StateStream", "TrackerStream"]
+__all__ = ["ProgramControl", "RecordSink", "ShownSignal", "SignalWatch", "SpeedControl", "StateStream", "TrackerStream"]
 
 RecordSink = Callable[[Record], None]
 """Where a driver pushes its records, from its own reader thread. It never blocks and never raises."""
@@ -36,6 +36,18 @@ class StateStream(Protocol):
 
     def close(self) -> None:
         """Stop the reader thread and close the connection. May be called twice, and after an error."""
+        ...
+
+
+@runtime_checkable
+class SpeedControl(Protocol):
+    """The speed slider of a robot whose controller lets others move it; some state streams play this role too."""
+
+    def move_slider(self, fraction: float | None) -> None:
+        """Ask for the slider to stand at `fraction`, 0.02 to 1; None: ask for nothing any more, so that a person can.
+
+        The state stream shows when it is there. `LinkLostError` if it cannot be sent.
+        """
         ...
 
 

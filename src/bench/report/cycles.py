@@ -86,7 +86,13 @@ def place_frames(
     index[row >= 0] = table.cycle_index[row[row >= 0]]
     robot_gaps = robot.gaps if robot else None
     verdicts = judge_cycles(
-        table, np.sort(frames.time_ns), frames.gaps, robot_gaps, config.slow_cycle_ratio, account.interrupted
+        table,
+        np.sort(frames.time_ns),
+        frames.gaps,
+        robot_gaps,
+        config.slow_cycle_ratio,
+        account.interrupted,
+        account.slowed,
     )
     return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
 

@@ -96,6 +96,8 @@ class CycleAccount:
     """Cycles of the runs that this one goes on with."""
     interrupted: dict[int, str] = field(default_factory=dict)
     """What stopped the robot on its path, by `cycle_index`."""
+    slowed: dict[int, str] = field(default_factory=dict)
+    """How cycles were driven that were slower on purpose, by `cycle_index`."""
     n_unrecorded: int = 0
     """Cycles completed in the run before of which the end was not recorded."""
     resumed_from: str = ""
@@ -110,10 +112,14 @@ def load_topics(run: Run) -> None:
 def read_account(run: Run) -> CycleAccount:
     """Read what the run itself noted about its cycles."""
     events = run[CYCLE]
-    rows = np.flatnonzero(events.kind == CycleEventKind.INTERRUPTED)
+    details = {
+        kind: {int(events.cycle_index[row]): str(events.detail[row]) for row in np.flatnonzero(events.kind == kind)}
+        for kind in (CycleEventKind.INTERRUPTED, CycleEventKind.GRANTED)
+    }
     return CycleAccount(
         first_cycle_index=_read_count(run, "completed"),
-        interrupted={int(events.cycle_index[row]): str(events.detail[row]) for row in rows},
+        interrupted=details[CycleEventKind.INTERRUPTED],
+        slowed={index: detail for index, detail in details[CycleEventKind.GRANTED].items() if detail},
         n_unrecorded=max(_read_count(run, "completed") - _read_count(run, "recorded"), 0),
         resumed_from=run.metadata.get(RESUMED, {}).get("file", ""),
     )

@@ -8,7 +8,7 @@ from functools import partial
 
 from bench.analysis import CycleFollower, make_cycle_source
 from bench.config import AnyRobotConfig, Config, TrackerConfig
-from bench.drivers.base import ProgramControl
+from bench.drivers.base import ProgramControl, SpeedControl
 from bench.drivers.robot import make_program_control, make_state_stream
 from bench.drivers.tracker import make_tracker
 from bench.errors import BenchError, ConfigError, PreflightError
@@ -91,8 +91,14 @@ class BenchLinks:
             on_lost=self._report_loss,
             on_restored=self._report_restored,
             reconnect_s=0.0 if config.policy.robot_link_lost == "abort" else config.policy.hold_timeout_s,
+            moves_slider=config.run.first_cycle_speed < 1.0,
         )
         self.tracker = make_tracker(tracker, clock, on_missed=on_missed)
+
+    @property
+    def slider(self) -> SpeedControl | None:
+        """The robot's speed slider, to be moved; None where it has none."""
+        return self.stream if isinstance(self.stream, SpeedControl) else None
 
     def open(self, closing: Closing) -> list[DeviceInfo]:
         """Connect to everything, and report everything that cannot be reached at once.

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable
-from dataclasses import dataclass, field
 
 from bench.drivers.base import ProgramControl, StateStream
 from bench.errors import BenchError, CycleSequenceError, CycleTimeoutError, DeviceTimeoutError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, LogEntry, Record, RunState, Severity
 from bench.run.conditions import Condition, describe_lost_link
+from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
 from bench.run.holding import Holding
 from bench.run.inbox import (
@@ -26,50 +26,12 @@ from bench.run.inbox import (
     Inbox,
     StopRequested,
 )
+from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.states import RunStates
 from bench.run.watcher import PLAYING, CycleWatcher
 from bench.timing import Clock, patience_ns
 
-__all__ = ["Ending", "RunEngine", "RunLimits", "RunProgress"]
-
-
-@dataclass(frozen=True, slots=True)
-class RunLimits:
-    """How long the engine waits for the robot."""
-
-    start_s: float = 10.0
-    """From a grant, or from `play`, until the robot shows that it obeys: its program needs one controller tick."""
-    cycle_s: float = 600.0
-    """One cycle, without the time in which the robot stood; `[robot.cycle] timeout_s`."""
-    hold_s: float = 43_200.0
-    """One hold; `[policy] hold_timeout_s`."""
-
-
-@dataclass(slots=True)
-class RunProgress:
-    """Where the run is, for the screen and for the closing words."""
-
-    n_cycles: int
-    """In all, those of the run that is gone on with included."""
-    n_completed: int = 0
-    """The same; what it is before the first cycle, the robot's counter starts after."""
-    cycle_started_ns: int = -1
-    """Host time of the current cycle's start; -1 between cycles."""
-    run_started_ns: int = -1
-    note: str = ""
-    """What the operator should know or do now."""
-    stop_requested: bool = False
-    cycle_durations_ns: list[int] = field(default_factory=list)
-    warnings: list[str] = field(default_factory=list)
-    """What the operator must know when the run is over."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ending:
-    """How a run ended."""
-
-    status: ExitStatus
-    reason: str
+__all__ = ["RunEngine"]
 
 
 class _Aborted(Exception):  # noqa: N818 - no error: the operator's wish, on its way out of the loop
@@ -92,6 +54,7 @@ class RunEngine:
         record: Callable[[Record], None],
         progress: RunProgress,
         limits: RunLimits,
+        first_cycle: FirstCycle,
         refresh: Callable[[], None] = lambda: None,
         *,
         is_granted: bool = True,
@@ -107,8 +70,8 @@ class RunEngine:
         self._record = record
         self._progress = progress
         self._limits = limits
+        self._first_cycle = first_cycle
         self._refresh = refresh
-        self._hold_until_ns = 0
         self._is_granted = is_granted
         """Whether the program waits for a grant before each cycle; else it is stopped when it has driven enough."""
         self._hold_until_ns = 0
@@ -137,8 +100,10 @@ class RunEngine:
     def _arm(self) -> None:
         """Withdraw all grants before the program starts: registers keep the last run's values."""
         self._stream.grant_cycles(0)
+        self._first_cycle.slow_down()
+        self._await_slider(lambda: False)
         self._program.play()
-        deadline = self._deadline(self._limits.start_s)
+        deadline = self._deadline(self._limits.start_s * self._first_cycle.stretch)
         while not self._waits_for_first_grant():
             self._take_event(deadline)
             if self._clock.now_ns() >= deadline:
@@ -169,10 +134,11 @@ class RunEngine:
         for count in range(self._progress.n_cycles - first):
             if not self._grant(first + count, count):
                 return
-            start_s = self._limits.start_s if self._is_granted else self._limits.cycle_s
-            self._await(CycleStarted(count), start_s, "start")
+            cycle_s = self._limits.cycle_s * self._first_cycle.stretch
+            self._await(CycleStarted(count), self._limits.start_s if self._is_granted else cycle_s, "start")
             self._progress.cycle_started_ns = self._clock.now_ns()
-            self._await(CycleCompleted(count), self._limits.cycle_s, "end")
+            self._await(CycleCompleted(count), cycle_s, "end")
+            self._progress.n_slowed += self._first_cycle.is_slow
             self._progress.cycle_durations_ns.append(self._clock.now_ns() - self._progress.cycle_started_ns)
             self._progress.cycle_started_ns = -1
             self._progress.n_completed = first + count + 1
@@ -184,14 +150,19 @@ class RunEngine:
             self._progress.stop_requested |= self._holding.stop_instead()
             return
         now_ns = self._clock.now_ns()
-        while event := self._take_event(now_ns):  # what is known already must count
-            if isinstance(event, CycleStarted | CycleCompleted):
-                raise CycleSequenceError(f"The robot reports {event} though it was not granted.")
+        while self._take_event_at_rest(now_ns):  # what is known already must count
+            pass
         while self._holding.reason and not self._progress.stop_requested:
             self._enter_hold()
             self._take_event(self._hold_until_ns)
             self._verify_hold()
         self._leave_hold()
+
+    def _take_event_at_rest(self, deadline_ns: int) -> Event | None:
+        event = self._take_event(deadline_ns)
+        if isinstance(event, CycleStarted | CycleCompleted):
+            raise CycleSequenceError(f"The robot reports {event} though it was not granted.")
+        return event
 
     def _enter_hold(self) -> None:
         if self._states.state is RunState.HOLDING:
@@ -218,14 +189,59 @@ class RunEngine:
                 return False
             now_ns = self._clock.now_ns()
             try:
+                if count > 0 and not self._is_at_full_speed():
+                    continue
                 if self._is_granted:
                     self._stream.grant_cycles(count + 1)
             except LinkLostError as error:
                 self._take_condition(describe_lost_link(error, now_ns))
                 continue
             if self._is_granted:
-                self._record(CycleEvent(now_ns, CycleEventKind.GRANTED, cycle_index))
+                self._record(CycleEvent(now_ns, CycleEventKind.GRANTED, cycle_index, detail=self._first_cycle.words))
             return True
+
+    def _is_at_full_speed(self) -> bool:
+        """Set the slider back after the first cycle; False if something else must be seen to first."""
+        first = self._first_cycle
+        if not first.is_slow:
+            return True
+        self._guards.expect_speed(float("nan"))
+        first.set_back()
+        if not self._await_slider(lambda: bool(self._holding.reason) or self._progress.stop_requested):
+            return False
+        self._guards.expect_speed(first.found)
+        text = f"The first cycle is driven; the speed slider is back at {first.found:.0%}."
+        self._record(LogEntry(self._clock.now_ns(), Severity.INFO, "run", text))
+        return True
+
+    def _await_slider(self, is_put_off: Callable[[], bool]) -> bool:
+        """Wait until the robot shows the slider where it was asked for; False if that is put off."""
+        limit_s = self._limits.start_s
+        deadline = self._deadline(limit_s)
+        while not self._first_cycle.is_there:
+            self._take_event_at_rest(deadline)
+            if is_put_off():
+                return False
+            if self._clock.now_ns() >= deadline:
+                raise self._first_cycle.never_there(limit_s)
+        self._first_cycle.let_go()
+        return True
+
+    def _leave_slider(self) -> None:
+        """Set the slider back after the program's end; a robot that may still move keeps its low speed."""
+        first = self._first_cycle
+        if not first.is_slow:
+            return
+        with contextlib.suppress(BenchError):
+            self._program.stop()
+            first.set_back()
+            deadline = self._deadline(self._limits.start_s)
+            while not first.is_there and self._clock.now_ns() < deadline:
+                self._inbox.wait(deadline)
+            if first.is_there:
+                first.let_go()
+                return
+        self._warn(f"The speed slider was left low; before the run it stood at {first.found:.0%}.")
 
     def _await(self, expected: CycleStarted | CycleCompleted, limit_s: float, what: str) -> None:
         deadline = self._deadline(limit_s)
@@ -297,7 +313,9 @@ class RunEngine:
         note = self._holding.note
         if note and self._states.state is not RunState.HOLDING:
             note = f"No further cycle for now: {note}"
-        return " ".join(part for part in (note, self._holding.stop_reason if not note else "", stopping) if part)
+        slow = f"The first cycle is {self._first_cycle.words}: watch it." if self._first_cycle.is_slow else ""
+        parts = (note, self._holding.stop_reason if not note else "", stopping, slow)
+        return " ".join(part for part in parts if part)
 
     def _deadline(self, limit_s: float) -> int:
         """At a scaled clock a machine still needs its own time to answer, so the longer of both counts."""
@@ -314,6 +332,7 @@ class RunEngine:
         self._disarm()
         self._states.enter(RunState.STOPPING, reason)
         self._stop_program()
+        self._leave_slider()
         return Ending(ExitStatus.ABORT if stopped else ExitStatus.SUCCESS, reason)
 
     def _find_stopper(self) -> str:
@@ -330,9 +349,11 @@ class RunEngine:
         except BenchError as error:
             if not self._is_granted:
                 raise
-            text = f"The robot program was not stopped and waits for its next cycle: {error}"
-            self._progress.warnings.append(text)
-            self._record(LogEntry(self._clock.now_ns(), Severity.WARN, "run", text))
+            self._warn(f"The robot program was not stopped and waits for its next cycle: {error}")
+
+    def _warn(self, text: str) -> None:
+        self._progress.warnings.append(text)
+        self._record(LogEntry(self._clock.now_ns(), Severity.WARN, "run", text))
 
     def _disarm(self) -> None:
         self._watcher.disarm()
@@ -347,4 +368,5 @@ class RunEngine:
             self._stream.grant_cycles(0)
         with contextlib.suppress(BenchError):
             self._program.stop()
+        self._leave_slider()
         return Ending(ExitStatus.ABORT, reason)

@@ -76,9 +76,9 @@ class RobotGuard:
         self._slider = Switch(notify)
         self._speed_fraction = float("nan")
 
-    def begin(self, state: RobotState | None) -> None:
-        """Take the present slider as the one the run is made with."""
-        self._speed_fraction = float("nan") if state is None else state.speed_fraction
+    def expect_speed(self, fraction: float) -> None:
+        """Take `fraction` as the slider's place from here on; NaN: any."""
+        self._speed_fraction = fraction
 
     def update(self, state: RobotState) -> None:
         self._stop.set(self._judge_stop(state))
@@ -176,6 +176,7 @@ class DiskGuard:
         self._free_bytes = free_bytes
         self._written = written
         self._next_ns = 0
+        self._n_begun: int | None = None
         self._first: tuple[int, int] | None = None
 
     def poll(self, n_completed: int, n_cycles: int) -> None:
@@ -197,7 +198,11 @@ class DiskGuard:
 
     def _foretell(self, n_completed: int, n_cycles: int) -> float:
         written = self._written()
+        if self._n_begun is None:
+            self._n_begun = n_completed
         if self._first is None:
+            if n_completed == self._n_begun:  # the first cycle may be slower than the others
+                return 0.0
             self._first = (n_completed, written)
         n_before, written_before = self._first
         if n_completed - n_before < FORECAST_CYCLES:
@@ -237,9 +242,13 @@ class Guards:
         self._armed = False
 
     def arm(self) -> None:
-        """Begin to judge."""
-        self._robot.begin(self._latest)
+        """Begin to judge; the present slider is the one the run is made with."""
+        self.expect_speed(float("nan") if self._latest is None else self._latest.speed_fraction)
         self._armed = True
+
+    def expect_speed(self, fraction: float) -> None:
+        """Take `fraction` as the speed slider's place from here on; NaN: any, while bench itself moves it."""
+        self._robot.expect_speed(fraction)
 
     def disarm(self) -> None:
         """Stop judging: what comes from here on is not the run's."""

@@ -28,10 +28,10 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
         f"robot    {robot.kind} at {robot.host}, program {robot.program}, {robot.rate_hz:g} Hz",
         f"tracker  {tracker.kind} at {tracker.host}, {n_points} points at {rate_hz:g} Hz"
         + ("" if simulated else " (assumed: the tracker tells its rate when it is connected)"),
-        f"cycles   {options.n_cycles}, {_how_begun(robot)}",
+        f"cycles   {options.n_cycles}, {_how_begun(robot)}{_how_first(config.run.first_cycle_speed)}",
     ]
     if simulated:
-        run_s = options.n_cycles * simulated.cycle_s
+        run_s = (options.n_cycles - 1 + 1 / config.run.first_cycle_speed) * simulated.cycle_s
         lines.append(
             f"duration {run_s:.0f} s of simulated time, {run_s / options.speed:.0f} s at --speed {options.speed:g}"
         )
@@ -42,6 +42,12 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
     lines.append(f"output   {options.output or config.run.output_dir + '/' + config.run.name + '-TIME.mcap'}")
     lines.append("Nothing was connected and nothing was written.")
     return lines
+
+
+def _how_first(first_cycle_speed: float) -> str:
+    if first_cycle_speed == 1.0:
+        return ""
+    return f"; the first with the speed slider at {100 * first_cycle_speed:g}%, the others with it where it is now"
 
 
 def _how_begun(robot: AnyRobotConfig) -> str:

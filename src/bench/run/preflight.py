@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -50,6 +51,8 @@ def check_bench(
     folder: Path,
     expected_s: float | None,
     speed: float = 1.0,
+    *,
+    has_slider: bool = True,
 ) -> list[Item]:
     """Check everything a run depends on. The links are open and have streamed for a moment.
 
@@ -59,11 +62,13 @@ def check_bench(
         How long the run will take, where that is known; decides how much disk space is asked for.
     speed : float
         Of the run's clock: above 1 it is the machine that a slow stream speaks of.
+    has_slider : bool
+        Whether the robot has a speed slider that can be moved from here.
     """
     return [
         *_check_program(config, program),
         _check_robot_rate(config, robot),
-        _check_slider(watcher),
+        _check_slider(config.run.first_cycle_speed, watcher.speed_fraction, has_slider),
         _check_tracker_rate(tracker, speed),
         _check_markers(config, tracker),
         _check_disk(config, tracker, folder, expected_s),
@@ -113,11 +118,17 @@ def _check_robot_rate(config: Config, robot: RobotTally) -> Item:
     return Item("robot rate", f">= {SMALLEST_RATE_RATIO * wanted:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
 
 
-def _check_slider(watcher: CycleWatcher) -> Item:
-    fraction = watcher.latest.speed_fraction if watcher.latest else float("nan")
+def _check_slider(first_cycle_speed: float, fraction: float, has_slider: bool) -> Item:
+    value = "unknown" if math.isnan(fraction) else f"{fraction:.0%}"
+    if first_cycle_speed < 1.0 and (not has_slider or math.isnan(fraction)):
+        sentence = (
+            f"[run] first_cycle_speed = {first_cycle_speed:g} needs a robot with a speed slider that bench can move "
+            "and see, and this one has none: leave it out."
+        )
+        return Item("speed slider", "can be moved and seen", value, "fail", sentence)
     ok = not fraction < 1.0
     sentence = f"The speed slider is at {fraction:.0%}: cycles take longer than the program's own time."
-    return Item("speed slider", "100 %", f"{fraction:.0%}", "ok" if ok else "warn", "" if ok else sentence)
+    return Item("speed slider", "100 %", value, "ok" if ok else "warn", "" if ok else sentence)
 
 
 def _check_tracker_rate(tracker: FrameTally, speed: float) -> Item:

@@ -19,11 +19,13 @@ from bench.recording import RunWriter
 from bench.run.about import describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
-from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
+from bench.run.engine import RunEngine
+from bench.run.first_cycle import FirstCycle
 from bench.run.holding import Holding
 from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
 from bench.run.journal import Journal
 from bench.run.preflight import Item, check_bench, verify_items
+from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.resume import RESUMED, Origin, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
 from bench.run.states import RunStates
@@ -36,7 +38,7 @@ SETTLE_S = 1.0
 """Machine time the links stream before they are judged: 125 robot states and 100 frames at the slowest usual rates."""
 CLOSE_FILE_S = 120.0
 """Machine time to drain the queue and finish the file on a slow disk."""
-LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde")
+LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde", "httpx", "pymodbus")
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +230,7 @@ class _Session:
     def _preflight(self, links: BenchLinks) -> None:
         self._states.enter(RunState.CHECKING)
         simulated = self._config.simulation
-        n_left = self._options.n_cycles - self._options.n_before
+        n_left = self._options.n_cycles - self._options.n_before + 1.0 / self._config.run.first_cycle_speed - 1.0
         expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
         items = _check(self._config, links, self._clock, self._path.parent, expected_s)
         for item in items:
@@ -253,6 +255,7 @@ class _Session:
             self._writer.put,
             self._progress,
             RunLimits(cycle_s=robot.cycle.timeout_s, hold_s=self._config.policy.hold_timeout_s),
+            FirstCycle(links.slider, self._config.run.first_cycle_speed, lambda: links.watcher.speed_fraction),
             refresh=lambda: self._refresh(links),
             is_granted=robot.cycle.is_granted,
         )
@@ -315,7 +318,15 @@ def _start_simulator(
 def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None) -> list[Item]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
     return check_bench(
-        config, links.program, links.watcher, links.robot_tally, links.frame_tally, folder, expected_s, clock.speed
+        config,
+        links.program,
+        links.watcher,
+        links.robot_tally,
+        links.frame_tally,
+        folder,
+        expected_s,
+        clock.speed,
+        has_slider=links.slider is not None,
     )
 
 

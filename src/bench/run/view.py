@@ -14,8 +14,8 @@ from rich.text import Text
 
 from bench.recording import RunWriter
 from bench.run.bench_links import BenchLinks
-from bench.run.engine import RunProgress
 from bench.run.preflight import Item
+from bench.run.progress import RunProgress
 from bench.timing import RunClock, patience_ns
 
 __all__ = ["RunView"]
@@ -105,9 +105,10 @@ def _cycle_line(progress: RunProgress) -> str:
 
 
 def _time_left(progress: RunProgress, clock: RunClock) -> str:
-    if not progress.cycle_durations_ns:
-        return "known after the first cycle"
-    recent = statistics.median(progress.cycle_durations_ns[-RECENT_CYCLES:])
+    usual_ns = progress.cycle_durations_ns[progress.n_slowed :]
+    if not usual_ns:
+        return f"known after the {'second' if progress.n_slowed else 'first'} cycle"
+    recent = statistics.median(usual_ns[-RECENT_CYCLES:])
     seconds = (progress.n_cycles - progress.n_completed) * recent / patience_ns(clock, 1.0)
     minutes, rest = divmod(round(seconds), 60)
     hours, minutes = divmod(minutes, 60)

@@ -65,6 +65,11 @@ class CycleWatcher:
         self.latest: RobotState | None = None
         """The newest state, None before the first."""
 
+    @property
+    def speed_fraction(self) -> float:
+        """Where the speed slider stands, 0 to 1; NaN where that is not known."""
+        return float("nan") if self.latest is None else self.latest.speed_fraction
+
     def arm(self) -> None:
         """Begin to report: from here on the program is ours."""
         latest = self.latest

@@ -28,6 +28,7 @@ def make_state_stream(
     on_lost: Callable[[LinkLostError], None] | None = None,
     on_restored: Callable[[], None] | None = None,
     reconnect_s: float = 0.0,
+    moves_slider: bool = False,
 ) -> StateStream:
     """Return the state stream of the configured robot, not yet open.
 
@@ -45,10 +46,18 @@ def make_state_stream(
         Called once for each lost link that is back; from the reader thread.
     reconnect_s : float
         How long to try to reconnect after each loss, machine time; 0: a loss is final.
+    moves_slider : bool
+        Whether the stream of a robot with a speed slider is to be a `SpeedControl` that works: it claims the slider.
     """
     if config.kind == "ur":
         return UrStateStream(
-            config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
+            config,
+            clock,
+            on_missed=on_missed,
+            on_lost=on_lost,
+            on_restored=on_restored,
+            reconnect_s=reconnect_s,
+            moves_slider=moves_slider,
         )
     return ModbusStateStream(
         config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from bench.config import RobotConfig
@@ -27,6 +28,8 @@ CB3_MAJOR = 3
 CB3_RATE_HZ = 125.0
 E_SERIES_RATE_HZ = 500.0
 GRANT_TYPE = "INT32"
+SLIDER_INPUTS = {"speed_slider_mask": "UINT32", "speed_slider_fraction": "DOUBLE"}
+"""Inputs that move the speed slider, with their types (RTDE guide)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +44,8 @@ class Session:
     """The grant register; None where the program waits for no grant: then no register is claimed."""
     left_out: tuple[str, ...]
     """Outputs this controller does not know."""
+    slider: Recipe | None = None
+    """The speed slider's inputs; None where nobody wants to move it: then they are not claimed."""
 
 
 def delivered_rate_hz(wanted_hz: float, major: int) -> float:
@@ -53,8 +58,17 @@ def delivered_rate_hz(wanted_hz: float, major: int) -> float:
     return own / max(1, round(own / wanted_hz))
 
 
-def start_session(link: RtdeLink, config: RobotConfig) -> Session:
+def start_session(link: RtdeLink, config: RobotConfig, *, moves_slider: bool = False) -> Session:
     """Agree on everything and start the stream.
+
+    Parameters
+    ----------
+    link : RtdeLink
+        Connected, nothing asked yet.
+    config : RobotConfig
+        Rate and registers.
+    moves_slider : bool
+        Whether to claim the speed slider's inputs.
 
     Raises
     ------
@@ -62,22 +76,23 @@ def start_session(link: RtdeLink, config: RobotConfig) -> Session:
         As `bench.drivers.base.StateStream.open`.
     """
     try:
-        return _agree(link, config)
+        return _agree(link, config, moves_slider)
     except ProtocolError as error:
         raise ProtocolError(f"The {link.peer} is not understood: {error.args[0]}", hint=error.hint) from error
 
 
-def _agree(link: RtdeLink, config: RobotConfig) -> Session:
+def _agree(link: RtdeLink, config: RobotConfig, moves_slider: bool) -> Session:
     _agree_on_protocol(link)
     version = decode_controller_version(link.ask(PackageType.CONTROLLER_VERSION))
     rate_hz = delivered_rate_hz(config.rate_hz, version[0])
     outputs, left_out = _set_up_outputs(link, config, rate_hz)
-    inputs = _set_up_grant(link, config.cycle.grant_register) if config.cycle.is_granted else None
+    inputs = _claim_grant(link, config.cycle.grant_register) if config.cycle.is_granted else None
+    slider = _claim(link, SLIDER_INPUTS, "leave [run] first_cycle_speed out") if moves_slider else None
     if not decode_accepted(link.ask(PackageType.START)):
         raise DeviceStateError(
             f"The {link.peer} refuses to start its state stream.", hint="Restart the robot's controller."
         )
-    return Session(version, rate_hz, outputs, inputs, left_out)
+    return Session(version, rate_hz, outputs, inputs, left_out, slider)
 
 
 def _agree_on_protocol(link: RtdeLink) -> None:
@@ -110,19 +125,31 @@ def _verify_essential(link: RtdeLink, config: RobotConfig, refused: frozenset[st
         )
 
 
-def _set_up_grant(link: RtdeLink, register: int) -> Recipe:
-    name = f"input_int_register_{register}"
-    recipe_id, types = decode_setup_reply(link.ask(PackageType.SETUP_INPUTS, encode_input_setup([name])))
-    if IN_USE in types:
+def _claim_grant(link: RtdeLink, register: int) -> Recipe:
+    return _claim(
+        link,
+        {f"input_int_register_{register}": GRANT_TYPE},
+        "choose another [robot.cycle] grant_register (old controllers have 0 to 23 only)",
+    )
+
+
+def _claim(link: RtdeLink, inputs: Mapping[str, str], way_out: str) -> Recipe:
+    """Become the one client that writes `inputs`, given with their types."""
+    names, due = list(inputs), list(inputs.values())
+    recipe_id, types = decode_setup_reply(link.ask(PackageType.SETUP_INPUTS, encode_input_setup(names)))
+    held = [name for name, kind in zip(names, types, strict=False) if kind == IN_USE]
+    unknown = [name for name, kind in zip(names, types, strict=False) if kind == NOT_FOUND]
+    if held:
         raise DeviceStateError(
-            f"The {link.peer} says that {name} is in use by somebody else: "
+            f"The {link.peer} says that {' and '.join(held)} is in use by somebody else: "
             "another RTDE client, or a fieldbus (EtherNet/IP, PROFINET, Modbus).",
-            hint="Close the other client or switch the fieldbus off, or choose another [robot.cycle] grant_register.",
+            hint=f"Close the other client or switch the fieldbus off, or {way_out}.",
         )
-    if NOT_FOUND in types:
+    if unknown:
         raise DeviceStateError(
-            f"The {link.peer} has no {name}.", hint="Choose another [robot.cycle] grant_register (0 to 23 on old ones)."
+            f"The {link.peer} has no input {' and no input '.join(unknown)}.",
+            hint=f"{way_out[:1].upper()}{way_out[1:]}.",
         )
-    if types != [GRANT_TYPE]:
-        raise ProtocolError(f"it gives {name} the type '{','.join(types)}' where {GRANT_TYPE} is due.")
-    return Recipe([name], types, recipe_id)
+    if types != due:
+        raise ProtocolError(f"it gives {','.join(names)} the type '{','.join(types)}' where {','.join(due)} is due.")
+    return Recipe(names, types, recipe_id)

@@ -16,7 +16,7 @@ from bench.drivers.robot.ur.codec import PackageType
 from bench.drivers.robot.ur.handshake import Session, start_session
 from bench.drivers.robot.ur.link import RtdeLink
 from bench.drivers.robot.ur.samples import SampleReader
-from bench.errors import BenchError, LinkLostError, ProtocolError
+from bench.errors import BenchError, DeviceStateError, LinkLostError, ProtocolError
 from bench.model import DeviceInfo, RobotState, Severity
 from bench.timing import Clock, patience_ns
 
@@ -34,7 +34,7 @@ NOT_RUNNING = (0, 1)
 
 
 class UrStateStream:
-    """`StateStream` of a Universal Robots controller, by RTDE.
+    """`StateStream` of a Universal Robots controller, by RTDE, and `SpeedControl` where that is asked for.
 
     Parameters
     ----------
@@ -54,6 +54,8 @@ class UrStateStream:
         Limit on connecting and on each answer: 3 s, which a controller that runs answers in milliseconds.
     silence_s : float
         A link that delivers nothing for so long is lost.
+    moves_slider : bool
+        Whether to claim the inputs of the speed slider, which one client alone can have.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class UrStateStream:
         reconnect_s: float = 0.0,
         connect_timeout_s: float = 3.0,
         silence_s: float = SILENCE_S,
+        moves_slider: bool = False,
     ) -> None:
         self._config = config
         self._clock = clock
@@ -76,6 +79,7 @@ class UrStateStream:
         self._reconnect_s = reconnect_s
         self._connect_timeout_s = connect_timeout_s
         self._silence_s = silence_s
+        self._moves_slider = moves_slider
         self._lock = threading.Lock()
         self._link: RtdeLink | None = None
         self._session: Session | None = None
@@ -125,11 +129,35 @@ class UrStateStream:
             The stream is not open, its link is lost, or the controller does not take it.
         """
         with self._lock:
-            link, session = self._link, self._session
-            if link is None or session is None:
-                reason = "its state stream is not open" if self._thread is None else "the link to it is lost"
-                raise LinkLostError(f"Controller {self._config.host} cannot be granted a cycle: {reason}.")
-            self._write_grant(link, session, total)
+            self._write_grant(*self._open_session("be granted a cycle"), total)
+
+    def move_slider(self, fraction: float | None) -> None:
+        """Ask for the speed slider to stand at `fraction`; see `bench.drivers.base.SpeedControl`.
+
+        While the mask is 1 the controller may keep a person at the pendant from moving the slider: None writes 0.
+
+        Raises
+        ------
+        DeviceStateError
+            The slider's inputs were not claimed.
+        LinkLostError
+            As `grant_cycles`.
+        """
+        with self._lock:
+            link, session = self._open_session("be told a speed")
+            if session.slider is None:
+                raise DeviceStateError(f"The {link.peer} was not asked for its speed slider, so it is not moved.")
+            try:
+                link.send(PackageType.DATA, session.slider.pack((int(fraction is not None), fraction or 1.0)))
+            except OSError as error:
+                raise LinkLostError(f"The {link.peer} did not take a new speed.", hint=LOST_HINT) from error
+
+    def _open_session(self, purpose: str) -> tuple[RtdeLink, Session]:
+        link, session = self._link, self._session
+        if link is None or session is None:
+            reason = "its state stream is not open" if self._thread is None else "the link to it is lost"
+            raise LinkLostError(f"Controller {self._config.host} cannot {purpose}: {reason}.")
+        return link, session
 
     def _write_grant(self, link: RtdeLink, session: Session, total: int) -> None:
         if session.inputs is None:
@@ -162,7 +190,7 @@ class UrStateStream:
             if self._closing.is_set():
                 link.interrupt()
         try:
-            session = start_session(link, self._config)
+            session = start_session(link, self._config, moves_slider=self._moves_slider)
             link.set_timeout(self._silence_s)
         except BaseException:
             self._drop(link)
