@@ -47,6 +47,18 @@ def test_every_cycle_is_one_row_with_verdict_ok(job: Path) -> None:
     assert all(2.0 <= duration < 2.2 for duration in cycles["duration_s"])
 
 
+def test_the_run_file_names_the_libraries_that_spoke_to_the_devices(job: Path) -> None:
+    assert {"cable-bench", "httpx", "mcap", "numpy", "pymodbus"} <= open_run(job / "a.mcap").versions.keys()
+
+
+def test_run_file_and_report_say_how_well_the_cycles_times_are_known(job: Path) -> None:
+    accuracy = "starts and ends are known to one robot sample, and no count can be lost; a sample comes every 8 ms"
+    recorded = open_run(job / "a.mcap").metadata["bench.cycle_source"]
+    assert recorded == {"source": "robot's counter", "accuracy": accuracy}
+    facts = json.loads((job / "a" / "summary.json").read_text())["run_facts"]
+    assert facts["Cycle source"] == f"robot's counter: {accuracy}"
+
+
 def test_nothing_is_missing_on_the_controllers_time_grid(job: Path) -> None:
     time_s = open_run(job / "a.mcap")["/robot/state"]["controller_time_s"]
     steps = np.rint(np.diff(time_s) * 125.0)

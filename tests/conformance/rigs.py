@@ -118,6 +118,7 @@ class FakeControl:
     def __init__(self, robot: FakeRobot) -> None:
         self.check, self.load, self.play = robot.check, robot.load, robot.play
         self.stop, self.close = robot.stop, robot.close
+        self.ready_when = robot.ready_when
 
     def open(self) -> None:
         """There is nothing to connect."""

@@ -12,6 +12,18 @@ def test_a_robot_that_is_ready_has_nothing_against_its_program(rig):
     assert rig.control.check(rig.program) == []
 
 
+def test_what_is_asked_of_the_robot_is_said_in_the_words_of_its_kind(rig, request):
+    rig.open()
+    asked = rig.control.ready_when
+    kind = request.node.callspec.params["rig"]
+    if kind in ("e-series", "polyscope-x", "cb3"):
+        assert asked.endswith("safety normal, powered on, program stopped")
+        assert ("remote control" in asked) == (kind != "cb3")
+    else:
+        assert asked
+        assert "remote control" not in asked or kind == "real"
+
+
 def test_a_program_the_controller_does_not_have_is_a_state_error_that_names_it(rig):
     if rig.is_register_map:
         pytest.skip("a register map chooses a program by its number, not by its name")

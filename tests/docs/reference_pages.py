@@ -49,6 +49,7 @@ CONFIGURATION_TAIL = """
 - `axial_stiffness_n` and `max_tension_n` belong together. Then `stretch` is their ratio (Hooke's law).
 - `kind = "rigid_body"` needs `name`; `position_m` belongs to `kind = "static_marker"`.
 - `register` and `running_register` are both output integer registers and must differ.
+- `first_cycle_speed` below 1 needs a program that waits for a grant before each cycle.
 - A `[simulation]` table needs loopback addresses (127.x.y.z): it makes `bench run` start the simulated bench.
 """
 
@@ -82,6 +83,7 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.facts` | name, sample, operator, computer, whether the bench was simulated |
 | `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
 | `bench.device.robot`, `bench.device.tracker` | what each device said of itself |
+| `bench.cycle_source` | what tells the cycles, and how well it knows their times |
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |

@@ -57,6 +57,10 @@ class FakeRobot:
             self.commands.append(f"slider {fraction:g}")
             self.speed_fraction = self.speed_fraction if self.slider_stuck else fraction
 
+    @property
+    def ready_when(self) -> str:
+        return "nothing"
+
     def check(self, program: str) -> list[str]:
         self.commands.append("check")
         return self.reasons

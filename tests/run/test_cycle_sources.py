@@ -205,3 +205,25 @@ def test_a_program_that_never_plays_counts_nothing(name: str) -> None:
     columns = count(robot.states, SOURCES[name])
     assert columns.count.tolist() == [-1, -1, -1]
     assert columns.running.tolist() == [0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("config", "expected"),
+    [
+        (CycleConfig(), "counter 0 and running 0"),
+        (LEVEL, "digital output 3 low"),
+        (JOINTS, "all joints at rest in the start pose"),
+    ],
+)
+def test_a_program_that_does_not_wait_is_told_what_was_expected_of_its_own_kind(
+    config: CycleConfig, expected: str
+) -> None:
+    source = make_cycle_source(config)
+    watcher = CycleWatcher([].append, list[Record]().append, waiting=source.waiting if source else "")
+    assert watcher.describe_rest() == (expected, "nothing")
+    state = RobotState(0, 0, 0, 0, 0.0, runtime_state=1, cycle_count=1, cycle_running=1)
+    watcher.update(state)
+    assert watcher.describe_rest()[1] == "a program that does not play"
+    watcher.update(replace(state, runtime_state=2))
+    seen = watcher.describe_rest()[1]
+    assert seen == ("the robot on its path, 1 cycles counted" if source else "counter 1, running 1")

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
-from bench.config import simulated_config
+from bench.config import Config, load_config, parse_config, simulated_config, simulated_config_text
+from bench.drivers.base import SpeedControl
+from bench.drivers.robot import make_state_stream
 from bench.errors import DeviceStateError, PreflightError
 from bench.model import RobotState, StampKind, TrackerFrame
 from bench.run.preflight import check_bench, predict_bytes_per_s, verify_items
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.watcher import CycleWatcher
+from bench.timing import ManualClock
+
+CONFIGS = Path(__file__).parents[2] / "bench_configs"
 
 
 class FakeProgram:
+    ready_when = "awake"
+
     def __init__(self, reasons: list[str] | None = None, missing: bool = False) -> None:
         self.reasons, self.missing = reasons or [], missing
 
@@ -57,6 +66,8 @@ def check(
     slider: float = 1.0,
     expected_s: float | None = 40.0,
     speed: float = 1.0,
+    config: Config | None = None,
+    has_slider: bool = True,
 ) -> dict[str, tuple[str, str]]:
     robot, tracker = RobotTally(), FrameTally()
     watcher = CycleWatcher(lambda _event: None, lambda _record: None)
@@ -68,8 +79,17 @@ def check(
     for i in range(n_frames):
         tracker.update(make_frame(i, n_unlabeled, tracker_rate_hz))
     items = check_bench(
-        simulated_config(), program or FakeProgram(), watcher, robot, tracker, tmp_path, expected_s, speed
+        config or simulated_config(),
+        program or FakeProgram(),
+        watcher,
+        robot,
+        tracker,
+        tmp_path,
+        expected_s,
+        speed,
+        has_slider=has_slider,
     )
+    assert {item.limit for item in items if item.name == "robot ready"} == {"awake"}
     failed = [item for item in items if item.verdict == "fail"]
     if failed:
         with pytest.raises(PreflightError) as caught:
@@ -106,6 +126,30 @@ def test_a_slider_below_full_is_a_warning(tmp_path: Path) -> None:
     verdict, sentence = check(tmp_path, slider=0.5)["speed slider"]
     assert verdict == "warn"
     assert "50%" in sentence
+
+
+@pytest.mark.parametrize("case", [{"has_slider": False}, {"slider": math.nan}])
+def test_a_slow_first_cycle_needs_a_slider_that_can_be_moved_and_seen(tmp_path: Path, case: dict[str, Any]) -> None:
+    text = simulated_config_text().replace("[run]", "[run]\nfirst_cycle_speed = 0.2")
+    verdict, sentence = check(tmp_path, config=parse_config(text, "lab.toml"), **case)["speed slider"]
+    assert verdict == "fail"
+    assert sentence.startswith("[run] first_cycle_speed = 0.2 needs a robot with a speed slider")
+    assert check(tmp_path, **case)["speed slider"][0] == "ok"
+
+
+@pytest.mark.parametrize(("name", "can_be_moved"), [("lab_example.toml", True), ("modbus_generic_plc.toml", False)])
+def test_only_robots_with_a_slider_have_one_that_can_be_moved(name: str, can_be_moved: bool) -> None:
+    config = load_config(CONFIGS / name)
+    assert config.robot is not None
+    assert isinstance(make_state_stream(config.robot, ManualClock()), SpeedControl) is can_be_moved
+
+
+@pytest.mark.parametrize(
+    ("name", "key"), [("lab_example.toml", "rate_hz"), ("modbus_generic_plc.toml", "poll_rate_hz")]
+)
+def test_a_slow_robot_stream_names_the_key_that_its_kind_has(tmp_path: Path, name: str, key: str) -> None:
+    sentence = check(tmp_path, config=load_config(CONFIGS / name), robot_rate_hz=10.0)["robot rate"][1]
+    assert f"set [robot] {key} to what it can give" in sentence
 
 
 def test_a_hidden_marker_is_a_warning_and_no_marker_a_failure(tmp_path: Path) -> None:

@@ -15,7 +15,14 @@ from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
-from bench.analysis.sources import CycleFollower, CycleSource, RobotSigns, count_cycles, make_cycle_source
+from bench.analysis.sources import (
+    CycleFollower,
+    CycleSource,
+    RobotSigns,
+    count_cycles,
+    describe_source,
+    make_cycle_source,
+)
 from bench.analysis.starts import refine_starts
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 
@@ -45,6 +52,7 @@ __all__ = [
     "align_by_echo",
     "centre_of_labeled",
     "count_cycles",
+    "describe_source",
     "exclude_near",
     "find_cycles",
     "find_gaps",

@@ -29,11 +29,13 @@ __all__ = [
     "JointReturn",
     "RobotSigns",
     "count_cycles",
+    "describe_source",
     "make_cycle_source",
 ]
 
 RUNTIME_STOPPED = (0, 1)
 """UR runtime states in which no program is on its path, whatever shows: stopping, stopped (RTDE guide)."""
+COUNTER_ACCURACY = "starts and ends are known to one robot sample, and no count can be lost"
 WAITING, ON_PATH, NEITHER = 0, 1, 2
 REST_RAD_S = 0.01
 """A joint slower than this is at rest: twice the noise of `actual_qd` of a standing arm, and 8 ms of a usual start."""
@@ -80,6 +82,11 @@ class CycleSource(Protocol):
         ...
 
     @property
+    def waiting(self) -> str:
+        """How the robot shows that it waits for the start of a cycle, in a few words."""
+        ...
+
+    @property
     def ends_at_next(self) -> bool:
         """Whether the next start ends a cycle; else waiting does."""
         ...
@@ -117,6 +124,10 @@ class DigitalOutput:
     def accuracy(self) -> str:
         return "starts and ends are known to one robot sample; an edge that no sample shows is a cycle lost"
 
+    @property
+    def waiting(self) -> str:
+        return f"digital output {self.number} low"
+
     def places(self, signs: RobotSigns, before: RobotSigns) -> Ints:  # noqa: ARG002 - a level needs no history
         return np.asarray(signs.digital_outputs >> self.number & 1, dtype=np.int64)
 
@@ -142,12 +153,22 @@ class JointReturn:
     def accuracy(self) -> str:
         return f"a cycle ends when the last joint is slower than {REST_RAD_S:g} rad/s, about 10 ms before it stands"
 
+    @property
+    def waiting(self) -> str:
+        return "all joints at rest in the start pose"
+
     def places(self, signs: RobotSigns, before: RobotSigns) -> Ints:
         start = before.q_rad[0] if self.start_rad is None else np.array(self.start_rad)
         apart = np.abs(signs.q_rad - start)
         away = (apart > self.tolerance_rad).any(axis=1)
         back = (apart <= self.tolerance_rad).all(axis=1) & (np.abs(signs.qd_rad_s) <= REST_RAD_S).all(axis=1)
         return np.where(away, ON_PATH, np.where(back, WAITING, NEITHER))
+
+
+def describe_source(settings: CycleSettings) -> tuple[str, str]:
+    """Return what the configured source goes by, and how well it knows when a cycle starts and ends."""
+    source = make_cycle_source(settings)
+    return (source.name, source.accuracy) if source else ("robot's counter", COUNTER_ACCURACY)
 
 
 def make_cycle_source(settings: CycleSettings) -> CycleSource | None:

@@ -54,6 +54,11 @@ class SpeedControl(Protocol):
 class ProgramControl(Protocol):
     """Load, start and stop the robot's own program. Each call returns when the effect is seen, not when it is asked."""
 
+    @property
+    def ready_when(self) -> str:
+        """What `check` asks of this controller, in a few words; once it is open."""
+        ...
+
     def open(self) -> None:
         """Connect. `ConnectError` if the controller cannot be reached."""
         ...

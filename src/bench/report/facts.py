@@ -9,7 +9,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from bench.analysis import make_cycle_source
+from bench.analysis import describe_source
 from bench.config import Config, to_toml
 from bench.model import RunState
 from bench.recording import STATE, Run
@@ -19,9 +19,6 @@ from bench.report.results import CycleColumns
 from bench.report.source import TrackerFrames
 
 __all__ = ["count_driven", "find_versions", "hash_config", "read_run_end", "state_facts"]
-
-
-COUNTER_ACCURACY = "starts and ends are known to one robot sample, and no count can be lost"
 
 
 def hash_config(config: Config) -> str:
@@ -68,7 +65,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Frames": f"{len(frames)}",
         "Cable": _cable(config),
         "Program": config.robot.program if config.robot else "",
-        "Cycle source": _cycle_source(config),
+        "Cycle source": _cycle_source(run, config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
         "Host clock": describe_host_clock(run),
         "Recorded on": recorded.get("host_name", ""),
@@ -81,11 +78,12 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
     return {name: text for name, text in facts.items() if text}
 
 
-def _cycle_source(config: Config) -> str:
+def _cycle_source(run: Run, config: Config) -> str:
     if config.robot is None:
         return ""
-    source = make_cycle_source(config.robot.cycle)
-    name, accuracy = (source.name, source.accuracy) if source else ("robot's counter", COUNTER_ACCURACY)
+    name, accuracy = describe_source(config.robot.cycle)
+    recorded = run.metadata.get("bench.cycle_source", {})
+    name, accuracy = recorded.get("source", name), recorded.get("accuracy", accuracy)
     granted = "" if config.robot.cycle.is_granted else "; not granted one by one"
     return f"{name}: {accuracy}{granted}"
 

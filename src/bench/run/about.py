@@ -7,9 +7,10 @@ from collections.abc import Iterable
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
+from bench.analysis import describe_source
 from bench.config import Config
 
-__all__ = ["describe_origin", "find_versions"]
+__all__ = ["describe_cycle_source", "describe_origin", "find_versions"]
 
 
 def describe_origin(config: Config) -> dict[str, str]:
@@ -21,6 +22,14 @@ def describe_origin(config: Config) -> dict[str, str]:
         "platform": platform.platform(),
         "python": platform.python_version(),
     }
+
+
+def describe_cycle_source(config: Config, rate_hz: float) -> dict[str, str]:
+    """Return what tells the cycles and how well, for a robot that gives `rate_hz` samples a second."""
+    if config.robot is None:
+        return {}
+    name, accuracy = describe_source(config.robot.cycle)
+    return {"source": name, "accuracy": f"{accuracy}; a sample comes every {1e3 / rate_hz:.3g} ms"}
 
 
 def find_versions(libraries: Iterable[str]) -> dict[str, str]:

@@ -76,8 +76,13 @@ class BenchLinks:
         self._inbox = inbox
         self._record = record
         source = make_cycle_source(robot.cycle)
-        at_next = source is not None and source.ends_at_next
-        self.watcher = CycleWatcher(inbox.put, record, first_cycle_index, ends_at_next=at_next)
+        self.watcher = CycleWatcher(
+            inbox.put,
+            record,
+            first_cycle_index,
+            ends_at_next=source is not None and source.ends_at_next,
+            waiting=source.waiting if source else "",
+        )
         self._follower = None if source is None else CycleFollower(source)
         self._utc_watch = UtcWatch(clock, record)
         self.robot_tally = RobotTally()

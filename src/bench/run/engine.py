@@ -121,12 +121,11 @@ class RunEngine:
         )
 
     def _never_waited(self) -> DeviceTimeoutError:
-        state = self._watcher.latest
-        seen = "nothing" if state is None else f"counter {state.cycle_count}, running {state.cycle_running}"
+        expected, seen = self._watcher.describe_rest()
         return DeviceTimeoutError(
             f"The robot program did not wait for its first cycle within {self._limits.start_s:g} s "
-            f"(counter 0 and running 0 are expected, seen: {seen}).",
-            hint="Is the bench snippet at the head of the program, with the registers of [robot.cycle]?",
+            f"(expected: {expected}; seen: {seen}).",
+            hint="Does it wait at its head, before anything moves, and is what tells its cycles configured as it is?",
         )
 
     def _run_cycles(self) -> None:

@@ -91,13 +91,13 @@ def predict_bytes_per_s(config: Config, tracker_rate_hz: float, n_points: float)
 def _check_program(config: Config, program: ProgramControl) -> list[Item]:
     name = config.robot.program if config.robot else ""
     reasons = program.check(name)
-    items = [Item("robot ready", "remote control, safety normal, powered on", "no", "fail", r) for r in reasons]
+    items = [Item("robot ready", program.ready_when, "no", "fail", reason) for reason in reasons]
     if items:
         return items
     loaded = _attempt(lambda: program.load(name))
     verdict = "fail" if loaded else "ok"
     return [
-        Item("robot ready", "remote control, safety normal, powered on", "yes", "ok"),
+        Item("robot ready", program.ready_when, "yes", "ok"),
         Item("program loaded", name, "no" if loaded else name, verdict, loaded),
     ]
 
@@ -114,7 +114,8 @@ def _check_robot_rate(config: Config, robot: RobotTally) -> Item:
     wanted = config.robot.rate_hz if config.robot else 0.0
     rate = robot.device_rate_hz
     ok = rate >= SMALLEST_RATE_RATIO * wanted
-    sentence = f"The robot streams {rate:.1f} Hz instead of {wanted:g} Hz: set [robot] rate_hz to what it can give."
+    key = "poll_rate_hz" if config.robot and config.robot.kind == "modbus" else "rate_hz"
+    sentence = f"The robot gives {rate:.1f} states/s instead of {wanted:g}: set [robot] {key} to what it can give."
     return Item("robot rate", f">= {SMALLEST_RATE_RATIO * wanted:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
 
 

@@ -16,7 +16,7 @@ from bench.config import Config, to_toml
 from bench.errors import ConfigError
 from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
 from bench.recording import RunWriter
-from bench.run.about import describe_origin, find_versions
+from bench.run.about import describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import RunEngine
@@ -225,6 +225,8 @@ class _Session:
         for info in links.open(self._closing):
             writer.add_device(info)
             self._view.say(f"connected: {info.device} {info.kind} {info.address} {info.version}".rstrip())
+            if info.device == "robot":
+                writer.add_metadata("bench.cycle_source", describe_cycle_source(self._config, info.rate_hz))
         return links
 
     def _preflight(self, links: BenchLinks) -> None:

@@ -54,7 +54,10 @@ class CycleWatcher:
         first_cycle_index: int = 0,
         *,
         ends_at_next: bool = False,
+        waiting: str = "",
     ) -> None:
+        self._waiting = waiting
+        """How a robot without a counter shows that it waits; empty where it counts itself."""
         self._ends_at_next = ends_at_next
         """Whether the next start ends a cycle; else a running mark that outlives the count is an old one."""
         self._notify = notify
@@ -69,6 +72,19 @@ class CycleWatcher:
     def speed_fraction(self) -> float:
         """Where the speed slider stands, 0 to 1; NaN where that is not known."""
         return float("nan") if self.latest is None else self.latest.speed_fraction
+
+    def describe_rest(self) -> tuple[str, str]:
+        """Return how the program shows that it waits for its first cycle, and what it shows now."""
+        state = self.latest
+        expected = self._waiting or "counter 0 and running 0"
+        if state is None:
+            return expected, "nothing"
+        if state.runtime_state not in (PLAYING, -1):
+            return expected, "a program that does not play"
+        if self._waiting:
+            place = "on its path" if state.cycle_running else "waiting"
+            return expected, f"the robot {place}, {state.cycle_count} cycles counted"
+        return expected, f"counter {state.cycle_count}, running {state.cycle_running}"
 
     def arm(self) -> None:
         """Begin to report: from here on the program is ours."""

@@ -48,6 +48,12 @@ class ModbusProgram:
         self._is_open = False
         self._link.close()
 
+    @property
+    def ready_when(self) -> str:
+        """What `check` asks: the state, and the interlocks that are mapped."""
+        interlocks = "".join(f", {interlock.name}" for interlock in self._map.interlock)
+        return f"state stopped or waiting{interlocks}"
+
     def check(self, program: str) -> list[str]:
         """Return one sentence for each reason why `program` cannot be run now; empty if it can."""
         if self._config.observe_only:

@@ -95,6 +95,12 @@ class UrDashboardProgram:
             ) from error
         self._client = client
 
+    @property
+    def ready_when(self) -> str:
+        """What `check` asks; a controller without remote control cannot be asked for it."""
+        usual = "safety normal, powered on, program stopped"
+        return f"remote control, {usual}" if self.version >= REMOTE_CONTROL_SINCE else usual
+
     def check(self, program: str) -> list[str]:
         """Return one sentence for each reason why `program` cannot be run now; empty if it can.
 

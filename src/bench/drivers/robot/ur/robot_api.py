@@ -113,6 +113,12 @@ class RobotApiProgram:
     def _tells_modes(self) -> bool:
         return self.version >= MODES_SINCE
 
+    @property
+    def ready_when(self) -> str:
+        """What `check` asks; software 10.11 tells no modes."""
+        usual = "program stopped"
+        return f"remote control, safety normal, powered on, {usual}" if self._tells_modes else usual
+
     def check(self, program: str) -> list[str]:
         """Return one sentence for each reason why `program` cannot be run now; empty if it can.
 
