@@ -110,14 +110,14 @@ def test_a_lost_link_comes_back_in_a_new_clock_segment_with_the_recipe_and_the_g
     run, rtde_script, sink, losses, restored
 ):
     missed = []
-    script = later(rtde_script, output_int_register_24=2)
-    first = {"output_int_register_24": 1, "output_int_register_25": 1}
+    script = later(rtde_script, output_int_register_24=1)
+    first = {"output_int_register_24": 1}
     stream = run(script, first=first, granted=2, on_missed=lambda topic, n: missed.append((topic, n)))
     restored.wait()
     assert wait_for_grant(script, 1) == [2]
     sink.wait_for(lambda: len(sink.samples) == 6)
     assert [sample.segment for sample in sink.samples] == [0, 0, 0, 1, 1, 1]
-    assert sink.samples[3].cycle_count == 2
+    assert sink.samples[3].cycle_count == 1
     assert missed == [("/robot/state", 35)]
     texts = [entry.text for entry in sink.logs]
     assert "closed the connection" in texts[0]
@@ -126,6 +126,16 @@ def test_a_lost_link_comes_back_in_a_new_clock_segment_with_the_recipe_and_the_g
     assert (len(losses.errors), restored.count) == (1, 1)
     stream.grant_cycles(3)
     assert wait_for_grant(script, 2) == [2, 3]
+
+
+@pytest.mark.parametrize(
+    "now", [{"output_int_register_24": 1, "output_int_register_25": 1}, {"output_int_register_24": 2}]
+)
+def test_a_grant_that_was_used_while_the_link_was_lost_is_not_given_again(run, rtde_script, sink, now):
+    script = later(rtde_script, **now)
+    run(script, first={"output_int_register_24": 1}, granted=2)
+    assert wait_for_grant(script, 1) == [0]
+    assert not any("is not the one" in entry.text for entry in sink.logs)
 
 
 def test_while_the_link_is_lost_no_cycle_can_be_granted(run):

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from bench.config import RobotConfig
 from bench.drivers.base import RecordSink
 from bench.drivers.robot.ur.codec import PackageType
+from bench.drivers.robot.ur.grant import Grant
 from bench.drivers.robot.ur.handshake import Session, start_session
 from bench.drivers.robot.ur.link import RtdeLink
 from bench.drivers.robot.ur.samples import SampleReader
@@ -29,8 +30,6 @@ SILENCE_S = 1.0
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 0.2, 2.0
 """Between attempts to reconnect: doubled each time, as a controller that boots takes a minute to answer."""
 LOST_HINT = "Look at the robot and its network cable; the cycle under way counts as interrupted."
-NOT_RUNNING = (0, 1)
-"""Runtime states of a program that is over: stopping, stopped."""
 
 
 class UrStateStream:
@@ -85,8 +84,7 @@ class UrStateStream:
         self._session: Session | None = None
         """Set while cycles can be granted: not before the handshake, not over a lost link."""
         self._reader: SampleReader | None = None
-        self._granted = self._granted_run = 0
-        """The last grant, and `SampleReader.n_runs` as it was written."""
+        self._grant = Grant()
         self._thread: threading.Thread | None = None
         self._closing = threading.Event()
 
@@ -166,8 +164,7 @@ class UrStateStream:
             link.send(PackageType.DATA, session.inputs.pack((total,)))
         except OSError as error:
             raise LinkLostError(f"The {link.peer} did not take the grant of cycle {total}.", hint=LOST_HINT) from error
-        self._granted = total
-        self._granted_run = 0 if self._reader is None else self._reader.n_runs
+        self._grant.note_written(total, 0 if self._reader is None else self._reader.n_runs)
 
     def close(self) -> None:
         """Stop the reader thread and close the connection. May be called twice, and after an error."""
@@ -239,6 +236,7 @@ class UrStateStream:
             while not is_enough():
                 arrival_ns, frames = link.receive()
                 reader.take(arrival_ns, frames)
+                self._take_back(link, reader.latest)
                 if frames:
                     self._verify_fresh(arrival_ns, reader)
         except TimeoutError as fault:
@@ -249,6 +247,12 @@ class UrStateStream:
             raise LinkLostError(text, hint=LOST_HINT) from fault
         except LinkLostError as fault:
             raise LinkLostError(fault.args[0], hint=LOST_HINT) from fault
+
+    def _take_back(self, link: RtdeLink, state: RobotState | None) -> None:
+        """Write 0 once the granted cycle has begun."""
+        with self._lock:
+            if state is not None and self._grant.note_state(state) and self._session is not None:
+                self._write_grant(link, self._session, 0)
 
     def _verify_fresh(self, arrival_ns: int, reader: SampleReader) -> None:
         """Raise `TimeoutError` if the controller sends whatever else, but no samples."""
@@ -313,14 +317,12 @@ class UrStateStream:
     def _settle_grant(self, link: RtdeLink, session: Session, reader: SampleReader) -> None:
         """Write the grant again to the program run that had it, 0 to any other: that must not move unbidden."""
         with self._lock:
-            is_kept = self._granted_run == reader.n_runs and _may_go_on(reader.latest, self._granted)
-            if not is_kept and self._granted:
-                text = f"The robot program is not the one that was granted {self._granted} cycles; it gets none."
+            total = self._grant.total
+            if total and not self._grant.is_for(reader.latest, reader.n_runs):
+                text = f"The robot program is not the one that was granted {total} cycles; it gets none."
                 reader.say(Severity.WARN, text)
-                self._granted = 0
-            self._write_grant(link, session, self._granted)
+                total = 0
+            elif reader.latest is not None and self._grant.note_state(reader.latest):
+                total = 0  # it has begun them all
+            self._write_grant(link, session, total)
             self._session = session
-
-
-def _may_go_on(state: RobotState | None, granted: int) -> bool:
-    return state is not None and state.runtime_state not in NOT_RUNNING and state.cycle_count <= granted
