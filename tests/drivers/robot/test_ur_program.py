@@ -6,6 +6,7 @@ import sys
 import pytest
 
 from bench.drivers.robot import make_program_control
+from bench.drivers.robot.ur.effect import EffectLimits
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
 
@@ -149,7 +150,7 @@ def test_a_cb3_controller_is_asked_only_what_it_knows(scripted, open_program):
 
 def test_an_effect_that_never_comes_is_a_timeout(scripted, open_program):
     scripted(SCRIPTED, Dashboard(READY | {"play": "Starting program"}), port=29999)
-    program = open_program(SCRIPTED, effect_limit_s=0.1)
+    program = open_program(SCRIPTED, limits=EffectLimits(command_s=0.1))
     with pytest.raises(DeviceTimeoutError, match=r"accepted to play but has not done so after 0\.1 s"):
         program.play()
 

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.drivers.robot.ur.effect import EffectLimits
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.errors import DeviceError
 
@@ -60,7 +61,7 @@ def test_whatever_a_dashboard_answers_is_an_error_of_ours_and_in_time(
         monkeypatch.setitem(sys.modules, "dashboard_client", None)
     dashboard = Dashboard()
     scripted(HOST, *[dashboard] * 100_000, port=29999)
-    program = UrDashboardProgram(make_config(HOST), clock, effect_limit_s=0.0, load_limit_s=0.0)
+    program = UrDashboardProgram(make_config(HOST), clock, EffectLimits(0.0, 0.0))
     calls = (program.play, program.stop, lambda: program.check(PROGRAM), lambda: program.load(PROGRAM))
 
     def attempt(call):

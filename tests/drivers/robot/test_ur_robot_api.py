@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.drivers.robot import make_program_control
+from bench.drivers.robot.ur.effect import EffectLimits
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.drivers.robot.ur.rest_link import LARGEST_ANSWER
 from bench.drivers.robot.ur.robot_api import ROOT, RobotApiProgram
@@ -195,7 +196,7 @@ def test_software_10_11_is_asked_only_what_it_knows_and_loads_by_its_own_path(se
 
 def test_an_effect_that_never_comes_is_a_timeout(serve, open_program):
     serve(with_answers(**{"PUT program/v1/state": {}}))
-    program = open_program(SCRIPTED, effect_limit_s=0.1)
+    program = open_program(SCRIPTED, limits=EffectLimits(command_s=0.1))
     with pytest.raises(DeviceTimeoutError, match=r"accepted to play but has not done so after 0\.1 s"):
         program.play()
 
@@ -351,7 +352,7 @@ REPLIES = st.one_of(
 def test_whatever_a_server_answers_is_an_error_of_ours_and_in_time(scripted, make_config, clock):
     api = Api()
     scripted(SCRIPTED, *[api] * 100_000, port=80)
-    keys = {"answer_limit_s": 0.5, "effect_limit_s": 0.0, "load_limit_s": 0.0}
+    keys = {"answer_limit_s": 0.5, "limits": EffectLimits(0.0, 0.0)}
     program = RobotApiProgram(make_config(SCRIPTED), clock, **keys)
     calls = (program.play, program.stop, lambda: program.check(PROGRAM), lambda: program.load(PROGRAM))
 

@@ -3,18 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from bench.errors import DeviceTimeoutError
 from bench.timing import Clock, patience_ns
 
-__all__ = ["EFFECT_LIMIT_S", "LOAD_LIMIT_S", "SAFETY_HINT", "wait_for_effect"]
+__all__ = ["USUAL_LIMITS", "EffectLimits", "wait_for_effect"]
 
 POLL_S = 0.05
-EFFECT_LIMIT_S = 10.0
-"""A program starts and stops within a second; a slow controller is given ten times that."""
-LOAD_LIMIT_S = 60.0
-"""Loading a program may load its installation too, which takes up to half a minute."""
-SAFETY_HINT = "Look at the robot and clear the stop on the teach pendant; bench never does that by itself."
+
+
+@dataclass(frozen=True, slots=True)
+class EffectLimits:
+    """How long an effect may take, in the machine's own seconds."""
+
+    command_s: float = 10.0
+    """A program starts and stops within a second; a slow controller is given ten times that."""
+    load_s: float = 60.0
+    """Loading a program may load its installation too, which takes up to half a minute."""
+
+
+USUAL_LIMITS = EffectLimits()
 
 
 def wait_for_effect(clock: Clock, peer: str, command: str, is_reached: Callable[[], bool], limit_s: float) -> None:

@@ -14,7 +14,8 @@ from typing import Any
 
 from bench.config import RobotConfig
 from bench.drivers.robot.ur.dashboard_line import LONGEST_REPLY, LineDashboard
-from bench.drivers.robot.ur.effect import EFFECT_LIMIT_S, LOAD_LIMIT_S, SAFETY_HINT, wait_for_effect
+from bench.drivers.robot.ur.effect import USUAL_LIMITS, EffectLimits, wait_for_effect
+from bench.drivers.robot.ur.readiness import mode_reason, running_reason, safety_reason
 from bench.drivers.robot.ur.words import one_line
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError
 from bench.timing import Clock
@@ -39,23 +40,15 @@ class UrDashboardProgram:
         Address of the controller.
     clock : Clock
         Paces the polling; limits are in the machine's own seconds.
-    effect_limit_s, load_limit_s : float
+    limits : EffectLimits, optional
         How long the effect of a command, and of loading, may take.
     """
 
-    def __init__(
-        self,
-        config: RobotConfig,
-        clock: Clock,
-        *,
-        effect_limit_s: float = EFFECT_LIMIT_S,
-        load_limit_s: float = LOAD_LIMIT_S,
-    ) -> None:
+    def __init__(self, config: RobotConfig, clock: Clock, limits: EffectLimits = USUAL_LIMITS) -> None:
         self._peer = f"controller {config.host}"
         self._host = config.host
         self._clock = clock
-        self._effect_limit_s = effect_limit_s
-        self._load_limit_s = load_limit_s
+        self._limits = limits
         self._lock = threading.RLock()
         self._client: Any = None
         self._is_open = False
@@ -120,24 +113,14 @@ class UrDashboardProgram:
 
     def _check_safety(self) -> str:
         question = "safetystatus" if self.version >= SAFETY_STATUS_SINCE else "safetymode"
-        status = _after_colon(self._call(question, question))
-        return "" if status == "NORMAL" else f"The safety status of {self._peer} is {status}, not NORMAL. {SAFETY_HINT}"
+        return safety_reason(self._peer, "status", _after_colon(self._call(question, question)))
 
     def _check_mode(self) -> str:
-        mode = _after_colon(self._call("robotmode", "robotmode"))
-        if mode == "RUNNING":
-            return ""
-        return (
-            f"The robot mode of {self._peer} is {mode}, not RUNNING. "
-            "Power the robot on and release its brakes on the teach pendant."
-        )
+        return mode_reason(self._peer, _after_colon(self._call("robotmode", "robotmode")))
 
     def _check_running(self, program: str) -> str:
         state, name = self._program_state()
-        if state == "STOPPED":
-            return ""
-        what = f"'{name}'" if _is_same(name, program) else f"'{name}', another program,"
-        return f"On {self._peer} {what} is {state.lower()} already. Stop it on the teach pendant first."
+        return running_reason(self._peer, state, name, is_ours=_is_same(name, program))
 
     def load(self, program: str) -> None:
         """Load a program and wait until the controller has it.
@@ -153,7 +136,7 @@ class UrDashboardProgram:
             # The reply may come when everything is loaded, which can outlast ur_rtde's limit on an answer.
             with suppress(DeviceTimeoutError):
                 self._call(f"load {program}", "loadURP", program)
-            self._wait(lambda: self._has_loaded(program), f"load '{program}'", self._load_limit_s)
+            self._wait(lambda: self._has_loaded(program), f"load '{program}'", self._limits.load_s)
 
     def play(self) -> None:
         """Start the loaded program, or resume it after a pause, and wait until it plays."""
@@ -189,7 +172,7 @@ class UrDashboardProgram:
         return _is_same(_after_colon(self._call("get loaded program", "getLoadedProgram")), program)
 
     def _wait_for(self, state: str, command: str) -> None:
-        self._wait(lambda: self._program_state()[0] == state, command, self._effect_limit_s)
+        self._wait(lambda: self._program_state()[0] == state, command, self._limits.command_s)
 
     def _wait(self, is_reached: Callable[[], bool], command: str, limit_s: float) -> None:
         wait_for_effect(self._clock, self._peer, command, is_reached, limit_s)

@@ -14,7 +14,8 @@ from collections.abc import Callable
 from contextlib import suppress
 
 from bench.config import RobotConfig
-from bench.drivers.robot.ur.effect import EFFECT_LIMIT_S, LOAD_LIMIT_S, SAFETY_HINT, wait_for_effect
+from bench.drivers.robot.ur.effect import USUAL_LIMITS, EffectLimits, wait_for_effect
+from bench.drivers.robot.ur.readiness import mode_reason, running_reason, safety_reason
 from bench.drivers.robot.ur.rest_link import Answer, RestLink
 from bench.drivers.robot.ur.words import one_line
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError, ProtocolError
@@ -49,24 +50,24 @@ class RobotApiProgram:
         Address of the controller and port of its web server.
     clock : Clock
         Paces the polling; limits are in the machine's own seconds.
-    effect_limit_s, load_limit_s, answer_limit_s : float
-        How long the effect of a command, of loading, and one answer may take.
+    limits : EffectLimits, optional
+        How long the effect of a command, and of loading, may take.
+    answer_limit_s : float
+        How long one answer may take.
     """
 
     def __init__(
         self,
         config: RobotConfig,
         clock: Clock,
+        limits: EffectLimits = USUAL_LIMITS,
         *,
-        effect_limit_s: float = EFFECT_LIMIT_S,
-        load_limit_s: float = LOAD_LIMIT_S,
         answer_limit_s: float = ANSWER_LIMIT_S,
     ) -> None:
         self._peer = f"controller {config.host}"
         self._config = config
         self._clock = clock
-        self._effect_limit_s = effect_limit_s
-        self._load_limit_s = load_limit_s
+        self._limits = limits
         self._answer_limit_s = answer_limit_s
         self._lock = threading.RLock()
         self._link: RestLink | None = None
@@ -140,25 +141,17 @@ class RobotApiProgram:
         return "" if is_remote else f"The {self._peer} is not in remote control. {REMOTE_HINT}"
 
     def _check_safety(self) -> str:
-        mode = self._get("robotstate/v1/safetymode", "mode").upper()
-        return "" if mode == "NORMAL" else f"The safety mode of {self._peer} is {mode}, not NORMAL. {SAFETY_HINT}"
+        return safety_reason(self._peer, "mode", self._get("robotstate/v1/safetymode", "mode").upper())
 
     def _check_mode(self) -> str:
-        mode = self._get("robotstate/v1/robotmode", "mode").upper()
-        if mode == "RUNNING":
-            return ""
-        return (
-            f"The robot mode of {self._peer} is {mode}, not RUNNING. "
-            "Power the robot on and release its brakes on the teach pendant."
-        )
+        return mode_reason(self._peer, self._get("robotstate/v1/robotmode", "mode").upper())
 
     def _check_running(self, program: str) -> str:
         state = self._program_state()
         if state == "STOPPED":
             return ""
         name = self._get("program/v1/loaded", "name") if self._tells_modes else ""
-        what = f"'{name}'" if name == _name(program) else f"'{name}', another program," if name else "a program"
-        return f"On {self._peer} {what} is {state.lower()} already. Stop it on the teach pendant first."
+        return running_reason(self._peer, state, name, is_ours=name == _name(program))
 
     def load(self, program: str) -> None:
         """Load a program and wait until the controller has it.
@@ -178,7 +171,7 @@ class RobotApiProgram:
                 answer = self._put(path, {key: name}, f"load {name}")
                 if not answer.is_ok:
                     raise self._cannot_load(name, answer)
-            self._wait(lambda: self._has_loaded(name), f"load '{name}'", self._load_limit_s)
+            self._wait(lambda: self._has_loaded(name), f"load '{name}'", self._limits.load_s)
 
     def _cannot_load(self, name: str, answer: Answer) -> DeviceStateError:
         what = "has no program" if answer.status == NOT_FOUND else "cannot load program"
@@ -191,7 +184,7 @@ class RobotApiProgram:
         """Start the loaded program, or resume it after a pause, and wait until it plays."""
         with self._lock:
             self._act("resume" if self._program_state() == "PAUSED" else "play")
-            self._wait(lambda: self._program_state() == "PLAYING", "play", self._effect_limit_s)
+            self._wait(lambda: self._program_state() == "PLAYING", "play", self._limits.command_s)
 
     def stop(self) -> None:
         """Stop the program, if it is not stopped already, and wait until it is."""
@@ -199,7 +192,7 @@ class RobotApiProgram:
             if self._program_state() == "STOPPED":
                 return
             self._act("stop")
-            self._wait(lambda: self._program_state() == "STOPPED", "stop", self._effect_limit_s)
+            self._wait(lambda: self._program_state() == "STOPPED", "stop", self._limits.command_s)
 
     def close(self) -> None:
         """Free the HTTP client. May be called twice, and after an error."""
