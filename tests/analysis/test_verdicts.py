@@ -65,6 +65,15 @@ def test_each_fault_has_its_verdict_and_the_gravest_wins() -> None:
     assert judged.reasons[4] == ["was not completed", "robot samples are missing"]
 
 
+def test_a_cycle_that_was_slow_on_purpose_says_so_and_only_where_it_was_slow() -> None:
+    table = find_cycles(from_lists([0] * 155 + [1] * 50 + [2] * 50 + [3] * 5, [0] * 5 + [1] * 250 + [0] * 5))
+    words = {0: "driven slowly", 1: "driven slowly"}
+    judged = judge_cycles(table, frames_over(table), NO_GAPS, NO_GAPS, 1.1, slowed=words)
+    assert judged.verdict == [Verdict.SLOW, Verdict.OK, Verdict.OK]
+    assert judged.reasons.keys() == {0}
+    assert judged.reasons[0][-1] == "driven slowly"
+
+
 def test_cycles_that_the_frames_do_not_cover_are_gaps() -> None:
     table = find_cycles(make_robot(3))
     frames = frames_over(table)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench_command import bench, simulated_file
+from bench_command import bench, simulated_file, start_bench
 
 from bench.model import CycleEventKind
 from bench.recording import CYCLE, LOG, ROBOT, Run, open_run
@@ -62,6 +63,29 @@ def test_the_report_calls_it_slow_and_says_why(folder: Path) -> None:
     verdicts = pq.read_table(folder / "report" / "cycles.parquet")["verdict"].to_pylist()
     assert verdicts == ["slow", "ok", "ok"]
     assert "driven with the speed slider at 25%" in (folder / "report" / "report.html").read_text(encoding="utf-8")
+
+
+def test_a_run_that_is_aborted_in_its_first_cycle_leaves_a_robot_that_stands_with_its_slider_back(
+    tmp_path: Path,
+) -> None:
+    process = start_bench(
+        "run", simulated_file(tmp_path, *SETTINGS), "--cycles", "3", "--speed", "4", "--output", tmp_path / "a.mcap"
+    )
+    assert process.stdout is not None
+    said = iter(process.stdout.readline, "")
+    assert any("watch it." in line for line in said)
+    journal = tmp_path / "a.mcap.journal"
+    while "RUNNING" not in journal.read_text():
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.terminate()
+    process.communicate(timeout=60)
+    assert process.returncode == 4
+    robot = open_run(tmp_path / "a.mcap")[ROBOT]
+    assert SLOW in robot.speed_fraction
+    assert robot.speed_fraction[-1] == 1.0
+    assert robot.runtime_state[-1] == 1
+    assert robot.speed_fraction[robot.runtime_state == 2][-1] == SLOW  # it stood before the slider went back
 
 
 def test_a_dry_run_says_how_the_first_cycle_is_driven_and_counts_its_time(tmp_path: Path) -> None:

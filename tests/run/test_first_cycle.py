@@ -12,8 +12,10 @@ from bench.config import PolicyConfig, parse_config, simulated_config_text
 from bench.errors import ConfigError, CycleTimeoutError, DeviceStateError, DeviceTimeoutError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState
 from bench.run.conditions import ConditionKind
+from bench.run.guards import DiskGuard
 from bench.run.inbox import AbortRequested, ConditionCleared, StopRequested
 from bench.run.progress import RunLimits
+from bench.timing import ManualClock
 
 IN_FIRST_CYCLE = 30
 """At a fifth of the speed the first cycle takes 50 ticks."""
@@ -158,6 +160,20 @@ def test_a_link_that_is_lost_while_the_slider_goes_back_is_waited_for() -> None:
     assert setup.engine.run().status is ExitStatus.SUCCESS
     assert RunState.HOLDING in setup.entered()
     assert setup.robot.commands == ["slider 0.2", "play", "slider 1", "stop"]
+
+
+def test_what_a_slow_first_cycle_took_on_the_disk_foretells_nothing_of_the_others() -> None:
+    policy, clock, events = PolicyConfig(), ManualClock(), list[object]()
+    reserve, written = policy.free_space_mb * 10**6, 0
+    guard = DiskGuard(policy, clock, events.append, lambda: reserve + 2_000, lambda: written)
+    for n_completed in range(10):
+        guard.poll(n_completed, 1000)
+        written += 50 if n_completed == 0 else 1
+        clock.advance_ns(2 * 10**9)
+    assert events == []
+    written += 100
+    guard.poll(10, 1000)
+    assert len(events) == 1
 
 
 def test_a_program_that_waits_for_no_grant_cannot_have_a_slow_first_cycle() -> None:

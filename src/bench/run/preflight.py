@@ -124,9 +124,11 @@ def _check_slider(first_cycle_speed: float, fraction: float, has_slider: bool) -
     if first_cycle_speed < 1.0 and (not has_slider or math.isnan(fraction)):
         sentence = (
             f"[run] first_cycle_speed = {first_cycle_speed:g} needs a robot with a speed slider that bench can move "
-            "and see, and this one has none: leave it out."
+            "and see; this one has none such: leave the key out."
         )
-        return Item("speed slider", "can be moved and seen", value, "fail", sentence)
+        return Item(
+            "speed slider", "can be moved and seen", value if has_slider else "cannot be moved", "fail", sentence
+        )
     ok = not fraction < 1.0
     sentence = f"The speed slider is at {fraction:.0%}: cycles take longer than the program's own time."
     return Item("speed slider", "100 %", value, "ok" if ok else "warn", "" if ok else sentence)
