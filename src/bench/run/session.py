@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import shutil
-import signal
-import threading
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -22,7 +18,8 @@ from bench.run.closing import Closing
 from bench.run.engine import RunEngine
 from bench.run.first_cycle import FirstCycle
 from bench.run.holding import Holding
-from bench.run.inbox import AbortRequested, Fault, Inbox, QueueInbox, StopRequested
+from bench.run.inbox import Fault, Inbox, QueueInbox
+from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
 from bench.run.preflight import Item, check_bench, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
@@ -261,7 +258,7 @@ class _Session:
             refresh=lambda: self._refresh(links),
             is_granted=robot.cycle.is_granted,
         )
-        with _ctrl_c_to(self._inbox), self._view.live():
+        with ctrl_c_to(self._inbox), self._view.live():
             return engine.run()
 
     def _warn_of_lag(self, links: BenchLinks) -> None:
@@ -354,24 +351,3 @@ def _default_path(config: Config, clock: RunClock) -> Path:
 
 def _discard(_record: Record) -> None:
     """Take a record nobody wants: a check alone records nothing."""
-
-
-@contextmanager
-def _ctrl_c_to(inbox: Inbox) -> Iterator[None]:
-    """Turn the first Ctrl-C into a stop after this cycle; the second, and SIGTERM, into an abort."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    pressed = 0
-
-    def on_signal(number: int, _frame: object) -> None:
-        nonlocal pressed
-        pressed += 1
-        inbox.put(StopRequested() if pressed == 1 and number == signal.SIGINT else AbortRequested())
-
-    before = {number: signal.signal(number, on_signal) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
