@@ -37,6 +37,14 @@ def test_the_first_cycle_is_slow_and_all_others_are_as_ever() -> None:
     assert setup.progress.n_slowed == 1
 
 
+def test_a_run_that_goes_on_with_another_has_a_slow_first_cycle_of_its_own() -> None:
+    setup = Setup(8, n_before=5, first_cycle_speed=0.2)
+    assert setup.engine.run().status is ExitStatus.SUCCESS
+    assert durations_s(setup) == pytest.approx([2.0, 0.4, 0.4])
+    slowed = [r.cycle_index for r in setup.records if isinstance(r, CycleEvent) and "20%" in r.detail]
+    assert slowed == [5]
+
+
 def test_the_slider_is_low_before_the_program_starts_and_back_before_the_second_grant() -> None:
     setup = Setup(3, first_cycle_speed=0.2)
     at_grant: list[tuple[int, float]] = []
