@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from bench.config import Command, ModbusRobotConfig, StateSignal
 from bench.simulation.device_clock import DeviceClock
@@ -60,6 +61,31 @@ class PlcLogic:
         """Names of the interlocks that are open."""
         self.beats = True
         """False: the controller's own heartbeat stands still."""
+        self.shown_state: int | None = None
+        """Not None: what the state register shows, whatever the program does."""
+
+    @property
+    def interlock_names(self) -> list[str]:
+        """Names of all interlocks of the map."""
+        return [interlock.name for interlock in self._map.interlock]
+
+    def resume(self) -> None:
+        """Let a paused program go on; one that is stopped stays so."""
+        if self.program.state == "PAUSED":
+            self.program.play()
+
+    def set_counter(self, count: int) -> None:
+        """Let the counter go on from `count`; until the program is started again, where the map says it restarts."""
+        self._count_before = count - self._last_count
+
+    def reboot(self) -> None:
+        """Be as after power-up; the thread that scans."""
+        self.program.reset()
+        self._tables.clear()
+        self._count_before = self._last_count = self._n_scans = self.fault_code = 0
+        self._given.clear()
+        self._beat = self.shown_state = None
+        self._controller_clock = replace(self._controller_clock, host_origin_ns=self._clock.now_ns(), ticks_origin=0)
 
     def scan(self, due_ns: int) -> None:
         """One scan; on the scheduler's thread, at ascending times."""
@@ -127,8 +153,8 @@ class PlcLogic:
 
     def _show(self, motion: Motion, due_ns: int) -> None:
         tables, mapped = self._tables, self._map
-        if motion.cycle_count < self._last_count and not mapped.cycle_counter.restarts:
-            self._count_before += self._last_count  # the program was started again, the counter was not
+        if motion.cycle_count < self._last_count:  # the program was started again, the counter perhaps not
+            self._count_before = 0 if mapped.cycle_counter.restarts else self._count_before + self._last_count
         self._last_count = motion.cycle_count
         shown: dict[str, float] = {
             "cycle_counter": self._count_before + motion.cycle_count,
@@ -153,6 +179,8 @@ class PlcLogic:
 
     def _state_value(self, signal: StateSignal, motion: Motion) -> float:
         values, state = signal.values, self.program.state
+        if self.shown_state is not None:
+            return self.shown_state
         if self.fault_code and values.fault:
             return values.fault[0]
         if state == "PAUSED" and values.paused:

@@ -28,6 +28,10 @@ class CounterUnwrapper:
         self.count = 0
         """The count after the last `take`."""
 
+    def begin_anew(self) -> None:
+        """Take the next value as it stands: a controller that was restarted has not counted to it."""
+        self._raw = None
+
     def take(self, raw: int) -> int:
         """Return the count that goes with what the register holds, with or without sign."""
         value = raw % self._range

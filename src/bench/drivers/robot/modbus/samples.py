@@ -118,7 +118,11 @@ class SampleMaker:
         if self._time is None:
             return (capture_ns - self._origin_ns) * 1e-9
         elapsed_s = 0.0 if before_ns is None else (capture_ns - before_ns) * 1e-9
-        return self._time.take(reading.raw["controller_time"], elapsed_s)
+        n_before = self._time.n_restarts
+        time_s = self._time.take(reading.raw["controller_time"], elapsed_s)
+        if self._time.n_restarts > n_before:
+            self._counter.begin_anew()
+        return time_s
 
     def _find_on_path(self, reading: Reading, state: str) -> int:
         if self._map.cycle_running is not None:
