@@ -268,7 +268,9 @@ class RegisterMap(Section):
     command: Commands = Field(default_factory=Commands, description="What bench may tell it.")
     heartbeat_out: HeartbeatOut | None = Field(None, description="A sign of life of bench.")
     heartbeat_in: HeartbeatIn | None = Field(None, description="A sign of life of the controller.")
-    interlock: tuple[Interlock, ...] = Field((), strict=False, description="[[robot.map.interlock]], any number.")
+    interlock: tuple[Interlock, ...] = Field(
+        (), strict=False, max_length=32, description="[[robot.map.interlock]], up to 32."
+    )
 
     @model_validator(mode="after")
     def _tells_the_path(self) -> RegisterMap:

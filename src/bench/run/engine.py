@@ -161,7 +161,8 @@ class RunEngine:
         return DeviceTimeoutError(
             f"The robot program did not wait for its first cycle within {self._limits.start_s:g} s "
             f"(counter 0 and running 0 are expected, seen: {seen}).",
-            hint="Is the bench snippet at the head of the program, with the registers of [robot.cycle]?",
+            hint="Does it count from 0 and wait for its grant, by the registers of [robot.cycle] or [robot.map]? "
+            "A UR's needs the bench snippet at its head.",
         )
 
     def _run_cycles(self) -> None:
@@ -240,7 +241,7 @@ class RunEngine:
             elif self._clock.now_ns() >= deadline:
                 raise CycleTimeoutError(
                     f"Cycle {self._progress.n_completed} did not {what} within {limit_s:g} s.",
-                    hint="Look at the robot's pendant; [robot.cycle] timeout_s is the limit for one cycle.",
+                    hint="Look at the robot and its controller; [robot.cycle] timeout_s is the limit for one cycle.",
                 )
 
     def _wait_out(self, deadline_ns: int) -> int:

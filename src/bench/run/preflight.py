@@ -10,6 +10,7 @@ from pathlib import Path
 from bench.config import Config
 from bench.drivers.base import ProgramControl
 from bench.errors import BenchError, PreflightError
+from bench.run.robot_words import UR_WORDS, RobotWords, make_robot_words
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.watcher import CycleWatcher
 
@@ -60,10 +61,11 @@ def check_bench(
     speed : float
         Of the run's clock: above 1 it is the machine that a slow stream speaks of.
     """
+    words = UR_WORDS if config.robot is None else make_robot_words(config.robot)
     return [
-        *_check_program(config, program),
-        _check_robot_rate(config, robot),
-        _check_slider(watcher),
+        *_check_program(config, program, words),
+        _check_robot_rate(config, robot, words),
+        _check_slider(watcher, words),
         _check_tracker_rate(tracker, speed),
         _check_markers(config, tracker),
         _check_disk(config, tracker, folder, expected_s),
@@ -83,16 +85,16 @@ def predict_bytes_per_s(config: Config, tracker_rate_hz: float, n_points: float)
     return COMPRESSED * (robot + tracker_rate_hz * (FRAME_BYTES + n_points * POINT_BYTES))
 
 
-def _check_program(config: Config, program: ProgramControl) -> list[Item]:
+def _check_program(config: Config, program: ProgramControl, words: RobotWords) -> list[Item]:
     name = config.robot.program if config.robot else ""
     reasons = program.check(name)
-    items = [Item("robot ready", "remote control, safety normal, powered on", "no", "fail", r) for r in reasons]
+    items = [Item("robot ready", words.ready, "no", "fail", r) for r in reasons]
     if items:
         return items
     loaded = _attempt(lambda: program.load(name))
     verdict = "fail" if loaded else "ok"
     return [
-        Item("robot ready", "remote control, safety normal, powered on", "yes", "ok"),
+        Item("robot ready", words.ready, "yes", "ok"),
         Item("program loaded", name, "no" if loaded else name, verdict, loaded),
     ]
 
@@ -105,19 +107,21 @@ def _attempt(action: Callable[[], None]) -> str:
     return ""
 
 
-def _check_robot_rate(config: Config, robot: RobotTally) -> Item:
+def _check_robot_rate(config: Config, robot: RobotTally, words: RobotWords) -> Item:
     wanted = config.robot.rate_hz if config.robot else 0.0
     rate = robot.device_rate_hz
     ok = rate >= SMALLEST_RATE_RATIO * wanted
-    sentence = f"The robot streams {rate:.1f} Hz instead of {wanted:g} Hz: set [robot] rate_hz to what it can give."
+    sentence = (
+        f"The robot streams {rate:.1f} Hz instead of {wanted:g} Hz: set [robot] {words.rate_key} to what it can give."
+    )
     return Item("robot rate", f">= {SMALLEST_RATE_RATIO * wanted:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
 
 
-def _check_slider(watcher: CycleWatcher) -> Item:
+def _check_slider(watcher: CycleWatcher, words: RobotWords) -> Item:
     fraction = watcher.latest.speed_fraction if watcher.latest else float("nan")
     ok = not fraction < 1.0
-    sentence = f"The speed slider is at {fraction:.0%}: cycles take longer than the program's own time."
-    return Item("speed slider", "100 %", f"{fraction:.0%}", "ok" if ok else "warn", "" if ok else sentence)
+    sentence = f"The {words.slider} is at {fraction:.0%}: cycles take longer than the program's own time."
+    return Item(words.slider, "100 %", f"{fraction:.0%}", "ok" if ok else "warn", "" if ok else sentence)
 
 
 def _check_tracker_rate(tracker: FrameTally, speed: float) -> Item:

@@ -16,6 +16,9 @@ __all__ = ["PlcLogic"]
 BEATS_MISSED = 4
 """Periods of bench's heartbeat after which the controller pauses its program, as its builder promised."""
 
+SCANS_A_BEAT = 25
+"""A change each 0.25 s: one that toggles in every scan looks still to polls at every second scan."""
+
 
 class PlcLogic:
     """The controller's own program around the robot's path.
@@ -55,6 +58,7 @@ class PlcLogic:
         self._given: dict[str, bool] = {}
         self._beat: tuple[float, int] | None = None
         self._n_scans = 0
+        self._n_beats = 0
         self.fault_code = 0
         """Not 0: the controller shows a fault and its program is stopped."""
         self.open_interlocks: set[str] = set()
@@ -82,7 +86,7 @@ class PlcLogic:
         """Be as after power-up; the thread that scans."""
         self.program.reset()
         self._tables.clear()
-        self._count_before = self._last_count = self._n_scans = self.fault_code = 0
+        self._count_before = self._last_count = self._n_scans = self._n_beats = self.fault_code = 0
         self._given.clear()
         self._beat = self.shown_state = None
         self._controller_clock = replace(self._controller_clock, host_origin_ns=self._clock.now_ns(), ticks_origin=0)
@@ -94,6 +98,8 @@ class PlcLogic:
 
     def _scan(self, due_ns: int) -> None:
         self._n_scans += 1
+        if self.beats:
+            self._n_beats = self._n_scans // SCANS_A_BEAT % 2
         self._take_commands()
         if self.fault_code:
             self.program.stop()
@@ -162,7 +168,7 @@ class PlcLogic:
             "phase": motion.phase,
             "fault_code": self.fault_code,
             "speed_override": 1.0,
-            "heartbeat_in": self._n_scans % 2 if self.beats else 0,
+            "heartbeat_in": self._n_beats,
         }
         for name, value in shown.items():
             signal = getattr(mapped, name)

@@ -9,7 +9,7 @@ from bench.drivers.base import RecordSink
 from bench.drivers.robot.modbus.codec import wrap_to_type
 from bench.drivers.robot.modbus.counters import CounterUnwrapper, TimeUnwrapper
 from bench.drivers.robot.modbus.signals import Reading
-from bench.model import NAN6, LogEntry, RobotState, Severity, Vector6
+from bench.model import NAN6, NO_BITS, LogEntry, RobotState, Severity, Vector6
 
 __all__ = ["SampleMaker", "is_open", "name_state", "read_signals"]
 
@@ -108,6 +108,7 @@ class SampleMaker:
             speed_fraction=reading.values.get("speed_override", NAN),
             runtime_state=RUNTIME_STATES.get(state, -1),
             safety_status=FAULT if state == "fault" else SAFEGUARD if open_names else NORMAL,
+            digital_inputs=self._interlock_bits(reading),
             cycle_count=count - self._base,
             cycle_running=self._on_path,
             cycle_phase=reading.values.get("phase", NAN),
@@ -132,6 +133,13 @@ class SampleMaker:
     def _find_open(self, reading: Reading) -> list[str]:
         always = [interlock for interlock in self._map.interlock if interlock.when == "always"]
         return [i.name for i in always if is_open(i.must_be, reading.values[f"interlock.{i.name}"])]
+
+    def _interlock_bits(self, reading: Reading) -> int:
+        """Return one bit for each interlock in the map's order, set while it is as it must be."""
+        if not self._map.interlock:
+            return NO_BITS
+        held = [not is_open(one.must_be, reading.values[f"interlock.{one.name}"]) for one in self._map.interlock]
+        return sum(1 << bit for bit, holds in enumerate(held) if holds)
 
     def _joints(self, reading: Reading) -> Vector6:
         turns = _vector(reading, "joint_turns", 6) if self._map.joint_turns else (0.0,) * 6
