@@ -202,6 +202,9 @@ def _plc_machine_commands(robot: ModbusController) -> dict[str, _Command]:
         "heartbeat": _Command(
             "on|off", "let the controller's heartbeat go on or stand", lambda text: faults.set_heartbeat(_switch(text))
         ),
+        "override": _Command(
+            "FRACTION", "change the speed override, 0 to 1", lambda text: faults.set_override(_fraction(text))
+        ),
         "show_state": _Command(
             "N|off",
             "show this in the state register, whatever the program does",

@@ -91,13 +91,12 @@ class Rig:
     def make_stream(self, reconnect_s: float = 0.0, silence_s: float = 0.4) -> ModbusStateStream:
         seen = self.seen
         return ModbusStateStream(
-            self.config,
+            self.config.model_copy(update={"silence_s": silence_s}),
             self.clock,
             on_missed=lambda _topic, n: seen.missed.append(n),
             on_lost=seen.lost.append,
             on_restored=seen.count_restored,
             reconnect_s=reconnect_s,
-            silence_s=silence_s,
         )
 
     @contextmanager

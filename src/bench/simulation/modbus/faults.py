@@ -71,6 +71,10 @@ class PlcFaults:
         """Let the controller's own heartbeat go on, or stand still."""
         self._act(lambda: setattr(self._logic, "beats", beats))
 
+    def set_override(self, fraction: float) -> None:
+        """Change the speed override at the panel."""
+        self._act(lambda: setattr(self._logic, "override", fraction))
+
     def show_state(self, value: int | None) -> None:
         """Show this in the state register, whatever the program does; None ends it."""
         self._act(lambda: setattr(self._logic, "shown_state", value))

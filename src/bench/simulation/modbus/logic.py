@@ -65,6 +65,8 @@ class PlcLogic:
         """Names of the interlocks that are open."""
         self.beats = True
         """False: the controller's own heartbeat stands still."""
+        self.override = 1.0
+        """Its speed override, 0 to 1."""
         self.shown_state: int | None = None
         """Not None: what the state register shows, whatever the program does."""
 
@@ -104,7 +106,7 @@ class PlcLogic:
         if self.fault_code:
             self.program.stop()
         self._watch_heartbeat()
-        self.program.tick(due_ns, self._granted())
+        self.program.tick(due_ns, self._granted(), self.override)
         self._show(self.program.motion_at(due_ns), due_ns)
 
     def _take_commands(self) -> None:
@@ -150,12 +152,11 @@ class PlcLogic:
         signal, count = self._map.grant, self._last_count
         if signal is None:
             return 0
-        granted = self._tables.get(signal) - self._count_before
-        if signal.type.startswith("f"):
-            return int(granted)
-        n_bits = int(signal.type[1:])
-        ahead = int(granted - count) % (1 << n_bits)
-        return count + ahead if ahead < 1 << (n_bits - 1) else count
+        n_counts = self._map.cycle_counter.n_counts
+        if not signal.type.startswith("f"):
+            n_counts = min(n_counts, 1 << int(signal.type[1:]))
+        ahead = (int(self._tables.get(signal)) - self._count_before - count) % n_counts
+        return count + ahead if ahead < n_counts // 2 else count
 
     def _show(self, motion: Motion, due_ns: int) -> None:
         tables, mapped = self._tables, self._map
@@ -163,11 +164,11 @@ class PlcLogic:
             self._count_before = 0 if mapped.cycle_counter.restarts else self._count_before + self._last_count
         self._last_count = motion.cycle_count
         shown: dict[str, float] = {
-            "cycle_counter": self._count_before + motion.cycle_count,
+            "cycle_counter": (self._count_before + motion.cycle_count) % mapped.cycle_counter.n_counts,
             "cycle_running": motion.cycle_running,
             "phase": motion.phase,
             "fault_code": self.fault_code,
-            "speed_override": 1.0,
+            "speed_override": self.override,
             "heartbeat_in": self._n_beats,
         }
         for name, value in shown.items():
@@ -176,7 +177,8 @@ class PlcLogic:
                 tables.set(signal, value)
         tables.set(mapped.state, self._state_value(mapped.state, motion))
         if mapped.controller_time is not None:
-            seconds = self._controller_clock.ticks_at(due_ns) / self._controller_clock.ticks_per_s
+            ticks = max(self._controller_clock.ticks_at(due_ns), 0)  # the scan after a reboot was due before it
+            seconds = ticks / self._controller_clock.ticks_per_s
             tables.set(mapped.controller_time, seconds / mapped.controller_time.tick_s)
         for interlock in mapped.interlock:
             is_open = interlock.name in self.open_interlocks

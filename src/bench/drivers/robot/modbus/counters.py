@@ -18,12 +18,12 @@ class CounterUnwrapper:
 
     Parameters
     ----------
-    n_bits : int
-        Width of the register.
+    n_counts : int
+        How many values it has before it is 0 again.
     """
 
-    def __init__(self, n_bits: int) -> None:
-        self._range = 1 << n_bits
+    def __init__(self, n_counts: int) -> None:
+        self._range = n_counts
         self._raw: int | None = None
         self.count = 0
         """The count after the last `take`."""

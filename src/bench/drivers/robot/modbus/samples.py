@@ -58,7 +58,7 @@ class SampleMaker:
         self._peer = peer
         self._sink = sink
         self._origin_ns = origin_ns
-        self._counter = CounterUnwrapper(register_map.cycle_counter.n_bits)
+        self._counter = CounterUnwrapper(register_map.cycle_counter.n_counts)
         self._time = _make_time(register_map.controller_time)
         self._last_ns: int | None = None
         self._n_reconnects = 0
@@ -77,9 +77,9 @@ class SampleMaker:
             self._base = self._counter.count
 
     def grant_value(self, total: int) -> int:
-        """Return what is written so that `total` cycles may have begun."""
+        """Return what is written so that `total` cycles may have begun: what the counter shows when they are over."""
         grant = self._map.grant
-        value = self._base + total
+        value = (self._base + total) % self._map.cycle_counter.n_counts
         return value if grant is None or grant.type.startswith("f") else wrap_to_type(grant.type, value)
 
     def make(self, reading: Reading, number: int) -> RobotState:
