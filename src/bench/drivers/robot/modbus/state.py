@@ -121,6 +121,8 @@ class ModbusStateStream:
     def grant_cycles(self, total: int) -> None:
         """Allow the program to have begun `total` cycles since it started.
 
+        0 withdraws all grants, after a loss that is final too, should the controller still listen.
+
         Raises
         ------
         LinkLostError
@@ -132,8 +134,9 @@ class ModbusStateStream:
             raise DeviceStateError(
                 f"The {self._link.peer} is only observed: no cycle can be granted.", hint="See [robot] observe_only."
             )
-        maker = self._maker
-        if self._thread is None or maker is None or not self._thread.is_alive():
+        maker, thread = self._maker, self._thread
+        is_withdrawn = total == 0  # which must be tried even where nobody watches any more
+        if maker is None or thread is None or not (thread.is_alive() or is_withdrawn):
             raise LinkLostError(f"The {self._link.peer} cannot be granted a cycle: its state stream is not open.")
         try:
             self._write_grant(maker, total)
