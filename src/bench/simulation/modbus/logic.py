@@ -101,7 +101,7 @@ class PlcLogic:
     def _scan(self, due_ns: int) -> None:
         self._n_scans += 1
         if self.beats:
-            self._n_beats = self._n_scans // SCANS_A_BEAT % 2
+            self._n_beats = self._n_scans // SCANS_A_BEAT
         self._take_commands()
         if self.fault_code:
             self.program.stop()
@@ -169,7 +169,7 @@ class PlcLogic:
             "phase": motion.phase,
             "fault_code": self.fault_code,
             "speed_override": self.override,
-            "heartbeat_in": self._n_beats,
+            "heartbeat_in": self._beat_value(),
         }
         for name, value in shown.items():
             signal = getattr(mapped, name)
@@ -184,6 +184,10 @@ class PlcLogic:
             is_open = interlock.name in self.open_interlocks
             tables.set(interlock, float(not interlock.must_be) if is_open else interlock.must_be)
         self._show_vectors(motion)
+
+    def _beat_value(self) -> int:
+        signal = self._map.heartbeat_in
+        return self._n_beats % 2 if signal is not None and signal.type == "bool" else self._n_beats
 
     def _state_value(self, signal: StateSignal, motion: Motion) -> float:
         values, state = signal.values, self.program.state
