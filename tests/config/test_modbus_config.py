@@ -10,6 +10,7 @@ from bench.config import ModbusRobotConfig, RobotConfig, parse_config, simulated
 from bench.errors import ConfigError
 
 SIMULATED = (Path(__file__).parents[2] / "bench_configs" / "modbus_simulated.toml").read_text(encoding="utf-8")
+COUNTER = 'cycle_counter = { table = "input", address = 1, type = "u16"'
 STATE = 'state = { table = "input", address = 0,'
 
 
@@ -57,6 +58,14 @@ def test_a_typo_deep_in_the_map_has_its_line_and_a_suggestion() -> None:
 @pytest.mark.parametrize(
     ("old", "new", "sentence"),
     [
+        (COUNTER, COUNTER + ", wrap = 70000", "wrap = 70000 is beyond the end of a u16"),
+        (COUNTER, COUNTER.replace("u16", "i16") + ", wrap = 40000", "wrap = 40000 is beyond the end of a i16"),
+        (
+            COUNTER,
+            COUNTER.replace("u16", "u32") + ", restarts = false",
+            "grant as u16 cannot follow a u32 counter that",
+        ),
+        ("byte_order", "read_max = 126\nbyte_order", "input should be less than or equal to 125"),
         (STATE, 'state = { table = "coil", address = 0,', "a coil is one bit: its type is 'bool', not 'u16'"),
         (STATE, STATE + " bit = 3,", "bit = 0 to 15 belongs to a bool in a register"),
         (STATE, STATE + " scale = 0.0,", "scale = 0 would make every value the same"),

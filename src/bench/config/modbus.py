@@ -128,16 +128,22 @@ class CounterSignal(Signal):
     restarts: bool = Field(
         True, description="False: it counts on from program to program, and bench counts from where it stood."
     )
+    wrap: int | None = Field(
+        None, ge=100, description="Count at which it is 0 again, as 10000 of a decimal one; left out: its type's end."
+    )
 
     @property
-    def n_bits(self) -> int:
-        """Width at which the counter wraps."""
-        return WIDTH_BITS[self.type]
+    def n_counts(self) -> int:
+        """How many values it has before it is 0 again."""
+        return self.wrap or 1 << WIDTH_BITS[self.type]
 
     @model_validator(mode="after")
     def _is_a_counter(self) -> CounterSignal:
         if self.type not in ("u16", "u32", "i16", "i32") or (self.scale, self.offset) != (1.0, 0.0):
             raise ValueError("a counter is a u16, u32, i16 or i32 without scale and offset")
+        n_bits = WIDTH_BITS[self.type] - (self.type[0] == "i")
+        if self.wrap is not None and self.wrap > 1 << n_bits:
+            raise ValueError(f"wrap = {self.wrap} is beyond the end of a {self.type}")
         return self
 
 
@@ -251,6 +257,13 @@ class RegisterMap(Section):
     read_gap: int = Field(
         8, ge=0, le=124, description="Unused addresses read along to save a request; 0 where the controller refuses."
     )
+    read_max: int = Field(
+        125, ge=4, le=125, description="Most registers of one request, and 16 times as many bits: some take less."
+    )
+    write_with: Literal["single", "multiple"] = Field(
+        "single",
+        description="'single': functions 5 and 6 for one coil or register; 'multiple': always 15 and 16.",
+    )
     state: StateSignal = Field(description="What the program is doing.")
     cycle_counter: CounterSignal = Field(description="Cycles completed.")
     cycle_running: Signal | None = Field(None, description="Not zero on the path; left out: as state tells.")
@@ -268,12 +281,21 @@ class RegisterMap(Section):
     command: Commands = Field(default_factory=Commands, description="What bench may tell it.")
     heartbeat_out: HeartbeatOut | None = Field(None, description="A sign of life of bench.")
     heartbeat_in: HeartbeatIn | None = Field(None, description="A sign of life of the controller.")
-    interlock: tuple[Interlock, ...] = Field((), strict=False, description="[[robot.map.interlock]], any number.")
+    interlock: tuple[Interlock, ...] = Field(
+        (), strict=False, max_length=32, description="[[robot.map.interlock]], up to 32."
+    )
 
     @model_validator(mode="after")
     def _tells_the_path(self) -> RegisterMap:
         if self.cycle_running is None and not self.state.values.waiting:
             raise ValueError("map either cycle_running, or a value of state that means waiting for the next grant")
+        return self
+
+    @model_validator(mode="after")
+    def _grant_reaches_the_counter(self) -> RegisterMap:
+        counter = self.cycle_counter
+        if self.grant is not None and not counter.restarts and WIDTH_BITS[self.grant.type] < WIDTH_BITS[counter.type]:
+            raise ValueError(f"grant as {self.grant.type} cannot follow a {counter.type} counter that counts on")
         return self
 
     @model_validator(mode="after")
@@ -337,6 +359,7 @@ class ModbusRobotConfig(Section):
         0.4, ge=0.05, le=5, description="Longest wait for one answer; controllers answer in 2 to 20 ms."
     )
     retries: int = Field(1, ge=0, le=1, description="How often an unanswered request is sent again.")
+    silence_s: float = Field(1.0, ge=0.2, le=60, description="Time without a good answer after which the link is lost.")
     observe_only: bool = Field(False, description="True: bench reads and never writes, so it cannot drive a run.")
     cycle: ModbusCycleConfig = Field(default_factory=ModbusCycleConfig)
     map: RegisterMap = Field(description="What stands where in its tables.")

@@ -86,7 +86,7 @@ class RobotState:
     safety_status: int = -1
     """UR safety status; 1 is normal, 3 a protective stop."""
     digital_inputs: int = NO_BITS
-    """Bits of the actual digital inputs."""
+    """Bits of the actual digital inputs; Modbus: bit n is set while the map's n-th interlock, from 0, is in order."""
     digital_outputs: int = NO_BITS
     """Bits of the actual digital outputs."""
     cycle_count: int = -1

@@ -18,6 +18,7 @@ from bench.run.conditions import ConditionKind, describe_lost_link
 from bench.run.guards import Guards
 from bench.run.inbox import ConditionCleared, ConditionRaised, Inbox
 from bench.run.pace import PaceWatch
+from bench.run.robot_words import make_robot_words
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.utc_watch import UtcWatch
 from bench.run.watcher import CycleWatcher
@@ -88,7 +89,8 @@ class BenchLinks:
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
-        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written, first_cycle_index)
+        words = make_robot_words(robot)
+        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written, first_cycle_index, words)
         self.stream = make_state_stream(
             robot,
             clock,

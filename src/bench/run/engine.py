@@ -125,7 +125,8 @@ class RunEngine:
         return DeviceTimeoutError(
             f"The robot program did not wait for its first cycle within {self._limits.start_s:g} s "
             f"(expected: {expected}; seen: {seen}).",
-            hint="Does it wait at its head, before anything moves, and is what tells its cycles configured as it is?",
+            hint="Does it wait at its head, before anything moves, and is what tells its cycles configured as it is? "
+            "A UR program needs the bench snippet at its head.",
         )
 
     def _run_cycles(self) -> None:
@@ -255,7 +256,7 @@ class RunEngine:
             elif self._clock.now_ns() >= deadline:
                 raise CycleTimeoutError(
                     f"Cycle {self._progress.n_completed} did not {what} within {limit_s:g} s.",
-                    hint="Look at the robot's pendant; [robot.cycle] timeout_s is the limit for one cycle.",
+                    hint="Look at the robot and its controller; [robot.cycle] timeout_s is the limit for one cycle.",
                 )
 
     def _wait_out(self, deadline_ns: int) -> int:

@@ -12,7 +12,8 @@ from bench.errors import DeviceError, DiskFullError, LinkLostError
 from bench.model import RobotState
 from bench.run.conditions import ROBOT_STOPS, Condition, ConditionKind
 from bench.run.inbox import ConditionCleared, ConditionRaised, Event
-from bench.run.watcher import PLAYING, safety_text
+from bench.run.robot_words import UR_WORDS, RobotWords
+from bench.run.watcher import PLAYING
 from bench.timing import Clock, patience_ns
 
 __all__ = ["Guards"]
@@ -31,13 +32,13 @@ SAFETY_KINDS = {
 }
 """By UR safety status (UR RTDE guide); a violation and a fault end the program as an emergency stop does."""
 ADVICE = {
-    ConditionKind.PROTECTIVE_STOP: "Look at robot and cable, clear the stop at the pendant, resume the program there.",
-    ConditionKind.SAFEGUARD_STOP: "Close the safeguard; if the program stays paused, resume it at the pendant.",
+    ConditionKind.PROTECTIVE_STOP: "Look at robot and cable, clear the stop at {panel}, resume the program there.",
+    ConditionKind.SAFEGUARD_STOP: "{close_safeguard}; if the program stays paused, resume it at {panel}.",
     ConditionKind.EMERGENCY_STOP: "Clear it at the robot, then go on with --resume.",
-    ConditionKind.PROGRAM_PAUSED: "Resume it at the pendant, or press Ctrl-C twice to abort.",
-    ConditionKind.PROGRAM_REPLACED: "See the pendant for the reason, clear it there, then go on with --resume.",
+    ConditionKind.PROGRAM_PAUSED: "Resume it at {panel}, or press Ctrl-C twice to abort.",
+    ConditionKind.PROGRAM_REPLACED: "See {panel} for the reason, clear it there, then go on with --resume.",
 }
-RESUME_ADVICE = "Resume the program at the pendant."
+"""In the words of the robot, see `bench.run.robot_words`."""
 SLIDER_STEP = 0.005
 """The slider moves in whole per cents."""
 LAG_WINDOW_S = 1.0
@@ -70,8 +71,9 @@ class Switch:
 class RobotGuard:
     """Safety stops, pauses, and the speed slider, from the robot's state stream."""
 
-    def __init__(self, notify: Notify, first_cycle_index: int = 0) -> None:
+    def __init__(self, notify: Notify, first_cycle_index: int = 0, words: RobotWords = UR_WORDS) -> None:
         self._first_cycle_index = first_cycle_index
+        self._words = words
         self._stop = Switch(notify)
         self._slider = Switch(notify)
         self._speed_fraction = float("nan")
@@ -87,28 +89,36 @@ class RobotGuard:
     def _judge_stop(self, state: RobotState) -> Condition | None:
         kind = SAFETY_KINDS.get(state.safety_status)
         if kind is not None:
-            return self._stopped(kind, state, f"{_capital(safety_text(state.safety_status))} in cycle {{cycle}}.")
+            return self._stopped(kind, state, self._words.describe_stop(state))
         if state.runtime_state == STOPPED:
-            return self._stopped(ConditionKind.PROGRAM_REPLACED, state, "The robot program stopped in cycle {cycle}.")
+            return self._stopped(ConditionKind.PROGRAM_REPLACED, state, "The robot program stopped")
         told = self._stop.told
         if told is not None and told.kind in ROBOT_STOPS and state.runtime_state not in (PLAYING, -1):
             if told.kind is ConditionKind.PROGRAM_PAUSED:
                 return told
-            text = f"The {told.kind.replace('_', ' ')} is cleared, but the program is still paused."
-            return Condition(told.kind, state.capture_ns, text, RESUME_ADVICE)
+            return self._still_paused(told.kind, state)
         if state.runtime_state == PAUSED:
-            return self._stopped(ConditionKind.PROGRAM_PAUSED, state, "The robot program was paused in cycle {cycle}.")
+            return self._stopped(ConditionKind.PROGRAM_PAUSED, state, "The robot program was paused")
         return None
 
+    def _still_paused(self, kind: ConditionKind, state: RobotState) -> Condition:
+        is_safeguard = kind is ConditionKind.SAFEGUARD_STOP
+        over = self._words.safeguard_closed if is_safeguard else f"The {kind.replace('_', ' ')} is cleared"
+        advice = f"Resume the program at {self._words.panel}."
+        return Condition(kind, state.capture_ns, f"{over}, but the program is still paused.", advice)
+
     def _stopped(self, kind: ConditionKind, state: RobotState, text: str) -> Condition:
+        words = self._words
+        advice = ADVICE[kind].format(panel=words.panel, close_safeguard=words.close_safeguard)
         cycle_index = self._first_cycle_index + state.cycle_count
-        return Condition(kind, state.capture_ns, text.format(cycle=cycle_index), ADVICE[kind])
+        return Condition(kind, state.capture_ns, f"{text} in cycle {cycle_index}.", advice)
 
     def _judge_slider(self, state: RobotState) -> Condition | None:
         if not abs(state.speed_fraction - self._speed_fraction) > SLIDER_STEP:
             return None
-        text = f"The speed slider was moved from {self._speed_fraction:.0%} to {state.speed_fraction:.0%}."
-        advice = f"Put the speed slider back to {self._speed_fraction:.0%}."
+        slider = self._words.slider
+        text = f"The {slider} was moved from {self._speed_fraction:.0%} to {state.speed_fraction:.0%}."
+        advice = f"Put the {slider} back to {self._speed_fraction:.0%}."
         return Condition(ConditionKind.SLIDER_MOVED, state.capture_ns, text, advice)
 
 
@@ -224,6 +234,8 @@ class Guards:
         Free space on the run file's disk, and the size of the run file so far.
     first_cycle_index : int, optional
         Cycles completed before the robot's counter was 0.
+    words : RobotWords, optional
+        What the operator reads; left out, those of a UR.
     """
 
     def __init__(
@@ -234,8 +246,9 @@ class Guards:
         free_bytes: Callable[[], int],
         written: Callable[[], int],
         first_cycle_index: int = 0,
+        words: RobotWords = UR_WORDS,
     ) -> None:
-        self._robot = RobotGuard(notify, first_cycle_index)
+        self._robot = RobotGuard(notify, first_cycle_index, words)
         self._links = LinkGuard(policy, clock, notify)
         self._disk = DiskGuard(policy, clock, notify, free_bytes, written)
         self._latest: RobotState | None = None
@@ -270,7 +283,3 @@ class Guards:
         if self._armed:
             self._links.poll()
             self._disk.poll(n_completed, n_cycles)
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]

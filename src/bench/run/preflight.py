@@ -11,6 +11,7 @@ from pathlib import Path
 from bench.config import Config
 from bench.drivers.base import ProgramControl
 from bench.errors import BenchError, PreflightError
+from bench.run.robot_words import UR_WORDS, RobotWords, make_robot_words
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.watcher import CycleWatcher
 
@@ -65,10 +66,11 @@ def check_bench(
     has_slider : bool
         Whether the robot has a speed slider that can be moved from here.
     """
+    words = UR_WORDS if config.robot is None else make_robot_words(config.robot)
     return [
         *_check_program(config, program),
-        _check_robot_rate(config, robot),
-        _check_slider(config.run.first_cycle_speed, watcher.speed_fraction, has_slider),
+        _check_robot_rate(config, robot, words),
+        _check_slider(config.run.first_cycle_speed, watcher.speed_fraction, has_slider, words),
         _check_tracker_rate(tracker, speed),
         _check_markers(config, tracker),
         _check_disk(config, tracker, folder, expected_s),
@@ -110,28 +112,27 @@ def _attempt(action: Callable[[], None]) -> str:
     return ""
 
 
-def _check_robot_rate(config: Config, robot: RobotTally) -> Item:
+def _check_robot_rate(config: Config, robot: RobotTally, words: RobotWords) -> Item:
     wanted = config.robot.rate_hz if config.robot else 0.0
     rate = robot.device_rate_hz
     ok = rate >= SMALLEST_RATE_RATIO * wanted
-    key = "poll_rate_hz" if config.robot and config.robot.kind == "modbus" else "rate_hz"
-    sentence = f"The robot gives {rate:.1f} states/s instead of {wanted:g}: set [robot] {key} to what it can give."
+    sentence = (
+        f"The robot gives {rate:.1f} states/s instead of {wanted:g}: set [robot] {words.rate_key} to what it can give."
+    )
     return Item("robot rate", f">= {SMALLEST_RATE_RATIO * wanted:g} Hz", f"{rate:.1f} Hz", _verdict(ok), sentence)
 
 
-def _check_slider(first_cycle_speed: float, fraction: float, has_slider: bool) -> Item:
+def _check_slider(first_cycle_speed: float, fraction: float, has_slider: bool, words: RobotWords) -> Item:
     value = "unknown" if math.isnan(fraction) else f"{fraction:.0%}"
     if first_cycle_speed < 1.0 and (not has_slider or math.isnan(fraction)):
         sentence = (
             f"[run] first_cycle_speed = {first_cycle_speed:g} needs a robot with a speed slider that bench can move "
             "and see; this one has none such: leave the key out."
         )
-        return Item(
-            "speed slider", "can be moved and seen", value if has_slider else "cannot be moved", "fail", sentence
-        )
+        return Item(words.slider, "can be moved and seen", value if has_slider else "cannot be moved", "fail", sentence)
     ok = not fraction < 1.0
-    sentence = f"The speed slider is at {fraction:.0%}: cycles take longer than the program's own time."
-    return Item("speed slider", "100 %", value, "ok" if ok else "warn", "" if ok else sentence)
+    sentence = f"The {words.slider} is at {fraction:.0%}: cycles take longer than the program's own time."
+    return Item(words.slider, "100 %", value, "ok" if ok else "warn", "" if ok else sentence)
 
 
 def _check_tracker_rate(tracker: FrameTally, speed: float) -> Item:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
 from bench.simulation.ur import UrController
 from bench.simulation.ur.network import ServerThread
@@ -23,9 +24,13 @@ MOST_TICKS = 1_000_000
 @dataclass(frozen=True, slots=True)
 class _Command:
     arguments: str
-    """As `help` shows them; none or one."""
+    """As `help` shows them; none or one, of which a NAME may have spaces."""
     meaning: str
     act: Callable[[str], None]
+
+    def takes(self, n_words: int) -> bool:
+        """Whether so many words may follow the command."""
+        return n_words >= 1 if self.arguments == "NAME" else n_words == bool(self.arguments)
 
 
 class AdminServer:
@@ -35,16 +40,18 @@ class AdminServer:
     ----------
     host, port : str, int
         Where to listen: the robot's address, and a port that is none of the robot's.
-    robot, tracker : UrController or other, NatNetServer
-        What obeys; a robot that is no UR controller has no commands.
+    robot, tracker : UrController or ModbusController, NatNetServer
+        What obeys.
     clock : Clock
         For the limits.
     """
 
-    def __init__(self, host: str, port: int, robot: object, tracker: NatNetServer, clock: Clock) -> None:
+    def __init__(
+        self, host: str, port: int, robot: UrController | ModbusController, tracker: NatNetServer, clock: Clock
+    ) -> None:
         self._address = (host, port)
         self._clock = clock
-        robot_commands = _robot_commands(robot) if isinstance(robot, UrController) else {}
+        robot_commands = _ur_commands(robot) if isinstance(robot, UrController) else _plc_commands(robot)
         self._commands = robot_commands | _tracker_commands(tracker)
         self._network: ServerThread | None = None
 
@@ -89,10 +96,10 @@ class _AdminSession:
         command = self._commands.get(words[0]) if words else None
         if command is None:
             return f"error: there is no '{' '.join(words)[:80]}'; 'help' lists the commands"
-        if len(words) - 1 != bool(command.arguments):
+        if not command.takes(len(words) - 1):
             return f"error: '{f'{words[0]} {command.arguments}'.strip()}' is expected"
         try:
-            command.act(words[1] if command.arguments else "")
+            command.act(" ".join(words[1:]))
         except (ValueError, RuntimeError, TimeoutError) as error:
             return f"error: {error or 'the simulated bench does not run'}"
         return "ok"
@@ -102,7 +109,7 @@ def _describe(name: str, command: _Command) -> str:
     return f"{f'{name} {command.arguments}'.strip():<24} {command.meaning}"
 
 
-def _robot_commands(robot: UrController) -> dict[str, _Command]:
+def _ur_commands(robot: UrController) -> dict[str, _Command]:
     return _link_commands(robot) | _machine_commands(robot)
 
 
@@ -158,6 +165,55 @@ def _machine_commands(robot: UrController) -> dict[str, _Command]:
         ),
         "pause": _Command("", "pause the program at the pendant", lambda _: robot.act(machine.pause)),
         "resume": _Command("", "let it go on", lambda _: robot.act(machine.resume)),
+    }
+
+
+def _plc_commands(robot: ModbusController) -> dict[str, _Command]:
+    return _server_commands(robot) | _plc_machine_commands(robot)
+
+
+def _server_commands(robot: ModbusController) -> dict[str, _Command]:
+    faults = robot.faults
+    return {
+        "late": _Command(
+            "SECONDS", "every answer comes so much late; 0 ends it", lambda text: faults.set_late(_seconds(text))
+        ),
+        "exception": _Command(
+            "CODE", "every request is answered by this exception; 0 ends it", lambda text: faults.refuse(_count(text))
+        ),
+        "frozen": _Command(
+            "on|off", "accept clients and requests, answer none", lambda text: faults.freeze(_switch(text))
+        ),
+        "fin": _Command("", "close all connections", lambda _: faults.drop()),
+        "reboot": _Command(
+            "", "as switched off and on: time and registers 0, program stopped", lambda _: faults.reboot()
+        ),
+    }
+
+
+def _plc_machine_commands(robot: ModbusController) -> dict[str, _Command]:
+    faults = robot.faults
+    return {
+        "fault": _Command(
+            "CODE", "show this fault, program stopped; 0 clears it", lambda text: faults.set_fault(_count(text))
+        ),
+        "open_interlock": _Command("NAME", "open an interlock of the map", faults.open_interlock),
+        "close_interlock": _Command("NAME", "put it in order", faults.close_interlock),
+        "heartbeat": _Command(
+            "on|off", "let the controller's heartbeat go on or stand", lambda text: faults.set_heartbeat(_switch(text))
+        ),
+        "override": _Command(
+            "FRACTION", "change the speed override, 0 to 1", lambda text: faults.set_override(_fraction(text))
+        ),
+        "show_state": _Command(
+            "N|off",
+            "show this in the state register, whatever the program does",
+            lambda text: faults.show_state(None if text == "off" else _count(text)),
+        ),
+        "counter": _Command("N", "the cycle counter goes on from N", lambda text: faults.set_counter(_count(text))),
+        "pause": _Command("", "pause the program at the panel", lambda _: faults.pause()),
+        "resume": _Command("", "let it go on", lambda _: faults.resume()),
+        "stop": _Command("", "stop it at the panel", lambda _: faults.stop()),
     }
 
 

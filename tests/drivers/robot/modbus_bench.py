@@ -36,6 +36,8 @@ def make_config(*changes: tuple[str, str]) -> ModbusRobotConfig:
     for old, new in [("127.0.0.61", f"{LOOPBACK}.{next(_hosts)}"), *changes]:
         assert old in text, f"{old!r} is not in the simulated configuration"
         text = text.replace(old, new)
+    # a command that is acknowledged may be short: it stands until it is
+    text = text.replace('type = "bool", ack = {', 'type = "bool", pulse_s = 0.02, ack = {')
     robot = parse_config(text, "modbus.toml").robot
     assert isinstance(robot, ModbusRobotConfig)
     return robot
@@ -91,13 +93,12 @@ class Rig:
     def make_stream(self, reconnect_s: float = 0.0, silence_s: float = 0.4) -> ModbusStateStream:
         seen = self.seen
         return ModbusStateStream(
-            self.config,
+            self.config.model_copy(update={"silence_s": silence_s}),
             self.clock,
             on_missed=lambda _topic, n: seen.missed.append(n),
             on_lost=seen.lost.append,
             on_restored=seen.count_restored,
             reconnect_s=reconnect_s,
-            silence_s=silence_s,
         )
 
     @contextmanager

@@ -66,6 +66,24 @@ def test_number_strobe_and_reset_are_given_and_acknowledged() -> None:
     assert given.index(("coil", 6, [0])) < given.index(("coil", 0, [1]))
 
 
+def test_a_controller_without_functions_5_and_6_is_written_by_15_and_16() -> None:
+    functions: set[int] = set()
+    with rig(("base = 0", 'base = 0\nwrite_with = "multiple"')) as bench:
+        judge = bench.controller.server.judge
+
+        def spy(function: int) -> int:
+            functions.add(function)
+            return 1 if function in (5, 6) else judge(function)
+
+        bench.controller.server.judge = spy  # type: ignore[method-assign]
+        with bench.streaming() as stream, bench.commanding() as program:
+            stream.grant_cycles(1)
+            program.play()
+            program.stop()
+    assert functions >= {2, 4, 15, 16}
+    assert not functions & {5, 6}
+
+
 def test_what_keeps_the_program_from_running_is_said_at_once() -> None:
     with rig(cycle_s=60.0) as bench, bench.commanding() as program:
         logic = bench.controller.logic

@@ -9,6 +9,7 @@ import pytest
 from modbus_bench import LOOPBACK, SPEED, Rig, controller_of, wait_until
 
 from bench.config import ModbusRobotConfig, load_config
+from bench.drivers.robot.modbus import ModbusSignalWatch
 from bench.timing import RunClock
 
 CONFIGS = Path(__file__).parents[3] / "bench_configs"
@@ -38,6 +39,41 @@ def test_a_map_to_copy_drives_cycles(name: str, last: int) -> None:
     assert {state.cycle_count for state in states} == {0, 1, 2, 3}
     assert {state.cycle_running for state in states} == {0, 1}
     assert {state.safety_status for state in states} == {1}
+
+
+@pytest.mark.parametrize(("name", "last"), [("modbus_ur_port502", 224), ("modbus_generic_plc", 225)])
+def test_every_signal_of_a_map_to_copy_can_be_watched(name: str, last: int) -> None:
+    robot = load_config(CONFIGS / f"{name}.toml").robot
+    assert isinstance(robot, ModbusRobotConfig)
+    config = robot.model_copy(update={"host": f"{LOOPBACK}.{last}", "port": 5020})
+    clock = RunClock.start(SPEED)
+    with controller_of(config, clock):
+        watch = ModbusSignalWatch(config, clock)
+        watch.open()
+        shown = {signal.name: signal for signal in watch.read()}
+        watch.close()
+    assert list(shown) == list(config.map.signals)
+    assert shown["state"].value == "0 (stopped)"
+    assert all("in order" in signal.value for key, signal in shown.items() if key.startswith("interlock"))
+
+
+def test_a_urs_own_registers_are_where_its_manual_has_them() -> None:
+    robot = load_config(CONFIGS / "modbus_ur_port502.toml").robot
+    assert isinstance(robot, ModbusRobotConfig)
+    places = {name: (signal.table, signal.address, signal.span) for name, signal in robot.map.signals.items()}
+    assert places["interlock.robot power"] == ("holding", 260, 1)
+    assert places["interlock.security stop"] == ("holding", 261, 1)
+    assert places["interlock.emergency stop"] == ("holding", 262, 1)
+    for name, first, count in (
+        ("joints", 270, 6),
+        ("joint_speeds", 280, 6),
+        ("joint_turns", 320, 6),
+        ("tcp_position", 400, 3),
+        ("tcp_rotation", 403, 3),
+    ):
+        assert places.pop(name) == ("holding", first, count)
+    ours = {address for _, address, _ in places.values()} - {260, 261, 262}
+    assert all(128 <= address <= 255 for address in ours)  # general purpose
 
 
 def test_a_urs_joint_angles_are_put_together_from_turns_and_milliradians() -> None:

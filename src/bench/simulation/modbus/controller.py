@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Callable
+
 from bench.config import ModbusRobotConfig
 from bench.simulation.device_clock import DeviceClock
+from bench.simulation.modbus.faults import PlcFaults
 from bench.simulation.modbus.logic import PlcLogic
 from bench.simulation.modbus.server import TableServer
 from bench.simulation.modbus.tables import Tables
@@ -48,6 +52,8 @@ class ModbusController:
         self.tables = Tables(config.map)
         self.logic = PlcLogic(config, program, self.tables, clock, controller_clock, COUNT_BEFORE)
         self.server = TableServer(config.host, config.port, config.unit_id, self.tables)
+        self._at_scan: deque[Callable[[], None]] = deque()
+        self.faults = PlcFaults(self.logic, self.server, self._at_scan.append)
         self.ports = {"port": config.port}
         """For the line that says that it serves."""
         self._scheduler = scheduler
@@ -72,5 +78,7 @@ class ModbusController:
 
     def _scan(self, due_ns: int) -> None:
         if self._is_open:
+            for _ in range(len(self._at_scan)):
+                self._at_scan.popleft()()
             self.logic.scan(due_ns)
             self._schedule(due_ns)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from bench.config import Command, ModbusRobotConfig, StateSignal
 from bench.simulation.device_clock import DeviceClock
@@ -14,6 +15,9 @@ __all__ = ["PlcLogic"]
 
 BEATS_MISSED = 4
 """Periods of bench's heartbeat after which the controller pauses its program, as its builder promised."""
+
+SCANS_A_BEAT = 25
+"""A change each 0.25 s: one that toggles in every scan looks still to polls at every second scan."""
 
 
 class PlcLogic:
@@ -54,12 +58,40 @@ class PlcLogic:
         self._given: dict[str, bool] = {}
         self._beat: tuple[float, int] | None = None
         self._n_scans = 0
+        self._n_beats = 0
         self.fault_code = 0
         """Not 0: the controller shows a fault and its program is stopped."""
         self.open_interlocks: set[str] = set()
         """Names of the interlocks that are open."""
         self.beats = True
         """False: the controller's own heartbeat stands still."""
+        self.override = 1.0
+        """Its speed override, 0 to 1."""
+        self.shown_state: int | None = None
+        """Not None: what the state register shows, whatever the program does."""
+
+    @property
+    def interlock_names(self) -> list[str]:
+        """Names of all interlocks of the map."""
+        return [interlock.name for interlock in self._map.interlock]
+
+    def resume(self) -> None:
+        """Let a paused program go on; one that is stopped stays so."""
+        if self.program.state == "PAUSED":
+            self.program.play()
+
+    def set_counter(self, count: int) -> None:
+        """Let the counter go on from `count`; until the program is started again, where the map says it restarts."""
+        self._count_before = count - self._last_count
+
+    def reboot(self) -> None:
+        """Be as after power-up; the thread that scans."""
+        self.program.reset()
+        self._tables.clear()
+        self._count_before = self._last_count = self._n_scans = self._n_beats = self.fault_code = 0
+        self._given.clear()
+        self._beat = self.shown_state = None
+        self._controller_clock = replace(self._controller_clock, host_origin_ns=self._clock.now_ns(), ticks_origin=0)
 
     def scan(self, due_ns: int) -> None:
         """One scan; on the scheduler's thread, at ascending times."""
@@ -68,11 +100,13 @@ class PlcLogic:
 
     def _scan(self, due_ns: int) -> None:
         self._n_scans += 1
+        if self.beats:
+            self._n_beats = self._n_scans // SCANS_A_BEAT
         self._take_commands()
         if self.fault_code:
             self.program.stop()
         self._watch_heartbeat()
-        self.program.tick(due_ns, self._granted())
+        self.program.tick(due_ns, self._granted(), self.override)
         self._show(self.program.motion_at(due_ns), due_ns)
 
     def _take_commands(self) -> None:
@@ -118,25 +152,24 @@ class PlcLogic:
         signal, count = self._map.grant, self._last_count
         if signal is None:
             return 0
-        granted = self._tables.get(signal) - self._count_before
-        if signal.type.startswith("f"):
-            return int(granted)
-        n_bits = int(signal.type[1:])
-        ahead = int(granted - count) % (1 << n_bits)
-        return count + ahead if ahead < 1 << (n_bits - 1) else count
+        n_counts = self._map.cycle_counter.n_counts
+        if not signal.type.startswith("f"):
+            n_counts = min(n_counts, 1 << int(signal.type[1:]))
+        ahead = (int(self._tables.get(signal)) - self._count_before - count) % n_counts
+        return count + ahead if ahead < n_counts // 2 else count
 
     def _show(self, motion: Motion, due_ns: int) -> None:
         tables, mapped = self._tables, self._map
-        if motion.cycle_count < self._last_count and not mapped.cycle_counter.restarts:
-            self._count_before += self._last_count  # the program was started again, the counter was not
+        if motion.cycle_count < self._last_count:  # the program was started again, the counter perhaps not
+            self._count_before = 0 if mapped.cycle_counter.restarts else self._count_before + self._last_count
         self._last_count = motion.cycle_count
         shown: dict[str, float] = {
-            "cycle_counter": self._count_before + motion.cycle_count,
+            "cycle_counter": (self._count_before + motion.cycle_count) % mapped.cycle_counter.n_counts,
             "cycle_running": motion.cycle_running,
             "phase": motion.phase,
             "fault_code": self.fault_code,
-            "speed_override": 1.0,
-            "heartbeat_in": self._n_scans % 2 if self.beats else 0,
+            "speed_override": self.override,
+            "heartbeat_in": self._beat_value(),
         }
         for name, value in shown.items():
             signal = getattr(mapped, name)
@@ -144,15 +177,22 @@ class PlcLogic:
                 tables.set(signal, value)
         tables.set(mapped.state, self._state_value(mapped.state, motion))
         if mapped.controller_time is not None:
-            seconds = self._controller_clock.ticks_at(due_ns) / self._controller_clock.ticks_per_s
+            ticks = max(self._controller_clock.ticks_at(due_ns), 0)  # the scan after a reboot was due before it
+            seconds = ticks / self._controller_clock.ticks_per_s
             tables.set(mapped.controller_time, seconds / mapped.controller_time.tick_s)
         for interlock in mapped.interlock:
             is_open = interlock.name in self.open_interlocks
             tables.set(interlock, float(not interlock.must_be) if is_open else interlock.must_be)
         self._show_vectors(motion)
 
+    def _beat_value(self) -> int:
+        signal = self._map.heartbeat_in
+        return self._n_beats % 2 if signal is not None and signal.type == "bool" else self._n_beats
+
     def _state_value(self, signal: StateSignal, motion: Motion) -> float:
         values, state = signal.values, self.program.state
+        if self.shown_state is not None:
+            return self.shown_state
         if self.fault_code and values.fault:
             return values.fault[0]
         if state == "PAUSED" and values.paused:

@@ -81,6 +81,10 @@ class TableServer:
         if self._loop is not None and self._server is not None:
             self._loop.call_soon_threadsafe(self._close_clients)
 
+    def judge(self, function: int) -> int:
+        """Return the exception code that a request for this function is answered with; 0: it is granted."""
+        return self.exception_code if function in FUNCTIONS else 1
+
     def _close_clients(self) -> None:
         for client in list(self._server.active_connections.values()):
             client.close()
@@ -127,8 +131,8 @@ class TableServer:
                 await asyncio.sleep(self.delay_s)
             while self.is_frozen:
                 await asyncio.sleep(LOOK_S)
-            if self.exception_code:
-                return ExcCodes(self.exception_code)
+            if code := self.judge(function):
+                return ExcCodes(code)
             table = FUNCTIONS[function]
             if values is not None:
                 self._tables.write_cells(table, address, values)

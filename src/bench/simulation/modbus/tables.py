@@ -51,6 +51,11 @@ class Tables:
         """Return how many addresses a table has."""
         return len(self._cells[table])
 
+    def clear(self) -> None:
+        """Write 0 everywhere, as after power-up."""
+        with self._lock:
+            self._cells = {table: [0] * len(cells) for table, cells in self._cells.items()}
+
     def read_cells(self, table: str) -> list[int]:
         """Return a whole table: registers, or bits as 0 and 1."""
         with self._lock:

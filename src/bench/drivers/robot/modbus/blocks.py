@@ -8,8 +8,7 @@ from dataclasses import dataclass
 __all__ = ["Block", "plan_blocks"]
 
 MOST_REGISTERS = 125
-MOST_BITS = 2000
-"""Of one request (Modbus application protocol 1.1b3, functions 1 to 4)."""
+"""Of one request, or 2000 bits (Modbus application protocol 1.1b3, functions 1 to 4)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,7 +23,7 @@ class Block:
         return f"{self.table} {self.address}..{self.address + self.count - 1}"
 
 
-def plan_blocks(spans: Iterable[tuple[str, int, int]], gap: int) -> list[Block]:
+def plan_blocks(spans: Iterable[tuple[str, int, int]], gap: int, most: int = MOST_REGISTERS) -> list[Block]:
     """Return the blocks that cover all spans, each span whole in one block.
 
     Parameters
@@ -33,10 +32,12 @@ def plan_blocks(spans: Iterable[tuple[str, int, int]], gap: int) -> list[Block]:
         What must be read.
     gap : int
         Addresses that may be read along, if that saves a request.
+    most : int
+        Registers of one request; of bits 16 times as many.
     """
     blocks: list[Block] = []
     for table, address, count in sorted(spans):
-        limit = MOST_BITS if table in ("coil", "discrete") else MOST_REGISTERS
+        limit = most * 16 if table in ("coil", "discrete") else most
         last = blocks[-1] if blocks else None
         if last is not None and last.table == table and address <= last.address + last.count + gap:
             n = max(last.address + last.count, address + count) - last.address

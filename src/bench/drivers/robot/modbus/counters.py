@@ -18,15 +18,19 @@ class CounterUnwrapper:
 
     Parameters
     ----------
-    n_bits : int
-        Width of the register.
+    n_counts : int
+        How many values it has before it is 0 again.
     """
 
-    def __init__(self, n_bits: int) -> None:
-        self._range = 1 << n_bits
+    def __init__(self, n_counts: int) -> None:
+        self._range = n_counts
         self._raw: int | None = None
         self.count = 0
         """The count after the last `take`."""
+
+    def begin_anew(self) -> None:
+        """Take the next value as it stands: a controller that was restarted has not counted to it."""
+        self._raw = None
 
     def take(self, raw: int) -> int:
         """Return the count that goes with what the register holds, with or without sign."""

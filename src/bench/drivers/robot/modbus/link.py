@@ -10,11 +10,13 @@ import logging
 import threading
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 from pymodbus.client import ModbusTcpClient
 from pymodbus.exceptions import ConnectionException, ModbusException
 
+from bench.config import ModbusRobotConfig
 from bench.drivers.robot.modbus.blocks import Block
 from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError, ProtocolError
 
@@ -44,6 +46,9 @@ HINTS = {
     11: "Check [robot] unit_id and the device behind the gateway.",
 }
 CHECK_HOST = "Check that the controller is on, its Modbus server enabled, the cable, [robot] host and port."
+CHECK_UNIT = (
+    "Check that its Modbus server is enabled, [robot] host, port and unit_id: to a wrong unit many say nothing."
+)
 
 
 class ModbusLink:
@@ -51,23 +56,20 @@ class ModbusLink:
 
     Parameters
     ----------
-    host, port : str, int
-        Address of the Modbus server.
-    unit_id : int
-        Which unit behind it.
-    timeout_s : float
-        Limit on connecting and on each answer, in the machine's own seconds.
-    retries : int
-        How often a request without an answer is sent again.
+    config : ModbusRobotConfig
+        Address, unit, functions, and limits in the machine's own seconds.
     """
 
-    def __init__(self, host: str, port: int, unit_id: int, timeout_s: float, retries: int) -> None:
-        self.peer = f"Modbus controller {host}:{port}"
-        self._unit_id = unit_id
-        self._timeout_s = timeout_s
-        self._retries = retries
+    def __init__(self, config: ModbusRobotConfig) -> None:
+        self.peer = f"Modbus controller {config.host}:{config.port}"
+        self._unit_id = config.unit_id
+        self._timeout_s = config.timeout_s
+        self._retries = config.retries
+        self._writes_one = config.map.write_with == "single"
         self._lock = threading.Lock()
-        self._client: Any = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=retries)
+        self._client: Any = ModbusTcpClient(
+            config.host, port=config.port, timeout=config.timeout_s, retries=config.retries
+        )
 
     def connect(self) -> None:
         """Connect. `ConnectError` if nobody answers there."""
@@ -92,36 +94,49 @@ class ModbusLink:
         ProtocolError
             The answer is not one to this question.
         """
-        calls: dict[str, Callable[..., Any]] = {
-            "coil": self._client.read_coils,
-            "discrete": self._client.read_discrete_inputs,
-            "holding": self._client.read_holding_registers,
-            "input": self._client.read_input_registers,
+        client, unit = self._client, self._unit_id
+        functions: dict[str, tuple[int, Callable[..., Any]]] = {
+            "coil": (1, client.read_coils),
+            "discrete": (2, client.read_discrete_inputs),
+            "holding": (3, client.read_holding_registers),
+            "input": (4, client.read_input_registers),
         }
+        function, call = functions[block.table]
         what = f"reading {block}"
-        answer = self._ask(what, lambda: calls[block.table](block.address, count=block.count, device_id=self._unit_id))
-        values = answer.bits if block.table in ("coil", "discrete") else answer.registers
-        if len(values) < block.count:
-            raise ProtocolError(f"The {self.peer} gave {len(values)} values for {block.count} ({what}).")
-        return [int(value) for value in values[: block.count]]
+        in_bits = block.table in ("coil", "discrete")
+
+        def find_fault(answer: Any) -> str:
+            n = len(answer.bits if in_bits else answer.registers)
+            fits = n >= block.count if in_bits else n == block.count  # bits come by the byte
+            return "" if fits else f"{n} values came for {block.count}"
+
+        question = partial(call, block.address, count=block.count, device_id=unit)
+        answer = self._ask(what, function, question, find_fault)
+        return [int(value) for value in (answer.bits if in_bits else answer.registers)[: block.count]]
 
     def write(self, table: str, address: int, values: Sequence[int]) -> None:
         """Write a coil, or a row of holding registers, by one request; raises like `read`."""
+        client, unit = self._client, self._unit_id
+        is_one = self._writes_one and len(values) == 1
+        function, call = {
+            ("coil", True): (5, lambda: client.write_coil(address, bool(values[0]), device_id=unit)),
+            ("coil", False): (15, lambda: client.write_coils(address, [bool(v) for v in values], device_id=unit)),
+            ("holding", True): (6, lambda: client.write_register(address, values[0], device_id=unit)),
+            ("holding", False): (16, lambda: client.write_registers(address, list(values), device_id=unit)),
+        }[table, is_one]
         what = f"writing {table} {address}"
-        unit = self._unit_id
-        if table == "coil":
-            self._ask(what, lambda: self._client.write_coil(address, bool(values[0]), device_id=unit))
-        elif len(values) == 1:
-            self._ask(what, lambda: self._client.write_register(address, values[0], device_id=unit))
-        else:
-            self._ask(what, lambda: self._client.write_registers(address, list(values), device_id=unit))
+
+        def find_fault(answer: Any) -> str:
+            return "" if answer.address == address else f"it says that it wrote {answer.address}"
+
+        self._ask(what, function, call, find_fault)
 
     def close(self) -> None:
         """Close the connection. May be called twice; a request under way ends first."""
         with self._lock:
             self._client.close()
 
-    def _ask(self, what: str, call: Callable[[], Any]) -> Any:
+    def _ask(self, what: str, function: int, call: Callable[[], Any], find_fault: Callable[[Any], str]) -> Any:
         with self._lock:
             try:
                 answer = self._call_again_if_closed(call)
@@ -134,12 +149,13 @@ class ModbusLink:
                 self._client.close()
                 raise LinkLostError(f"The link to the {self.peer} broke while {what}: {error}.") from error
             except Exception as error:  # bytes that are no Modbus end in all kinds of errors inside pymodbus
-                self._client.close()
-                raise ProtocolError(
-                    f"The {self.peer} is not understood while {what}.", hint="Check that this port is a Modbus server."
-                ) from error
-        if answer.isError():
-            raise self._refused(what, int(answer.exception_code))
+                raise self._misunderstood(what) from error
+            if answer.isError():
+                raise self._refused(what, int(answer.exception_code))
+            is_other = answer.function_code != function
+            fault = f"it answers function {answer.function_code} to {function}" if is_other else find_fault(answer)
+            if fault:
+                raise self._misunderstood(f"{what}: {fault}")
         return answer
 
     def _call_again_if_closed(self, call: Callable[[], Any]) -> Any:
@@ -160,7 +176,14 @@ class ModbusLink:
         """Drop the connection too: what is left in it would be taken for later answers."""
         self._client.close()
         limit_s = self._timeout_s * (self._retries + 1)
-        return DeviceTimeoutError(f"The {self.peer} did not answer within {limit_s:g} s ({what}).", hint=CHECK_HOST)
+        return DeviceTimeoutError(f"The {self.peer} did not answer within {limit_s:g} s ({what}).", hint=CHECK_UNIT)
+
+    def _misunderstood(self, what: str) -> ProtocolError:
+        """Drop the connection too, as after no answer."""
+        self._client.close()
+        return ProtocolError(
+            f"The {self.peer} is not understood while {what}.", hint="Check that this port is a Modbus server."
+        )
 
     def _refused(self, what: str, code: int) -> DeviceStateError:
         text = EXCEPTIONS.get(code, "of unknown meaning")

@@ -34,7 +34,7 @@ class ModbusProgram:
         self._config = config
         self._map = config.map
         self._clock = clock
-        self._link = ModbusLink(config.host, config.port, config.unit_id, config.timeout_s, config.retries)
+        self._link = ModbusLink(config)
         self._reader = SignalReader(config.map, read_signals(config.map))
         self._is_open = False
 

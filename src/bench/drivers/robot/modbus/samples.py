@@ -9,7 +9,7 @@ from bench.drivers.base import RecordSink
 from bench.drivers.robot.modbus.codec import wrap_to_type
 from bench.drivers.robot.modbus.counters import CounterUnwrapper, TimeUnwrapper
 from bench.drivers.robot.modbus.signals import Reading
-from bench.model import NAN6, LogEntry, RobotState, Severity, Vector6
+from bench.model import NAN6, NO_BITS, LogEntry, RobotState, Severity, Vector6
 
 __all__ = ["SampleMaker", "is_open", "name_state", "read_signals"]
 
@@ -58,7 +58,7 @@ class SampleMaker:
         self._peer = peer
         self._sink = sink
         self._origin_ns = origin_ns
-        self._counter = CounterUnwrapper(register_map.cycle_counter.n_bits)
+        self._counter = CounterUnwrapper(register_map.cycle_counter.n_counts)
         self._time = _make_time(register_map.controller_time)
         self._last_ns: int | None = None
         self._n_reconnects = 0
@@ -77,9 +77,9 @@ class SampleMaker:
             self._base = self._counter.count
 
     def grant_value(self, total: int) -> int:
-        """Return what is written so that `total` cycles may have begun."""
+        """Return what is written so that `total` cycles may have begun: what the counter shows when they are over."""
         grant = self._map.grant
-        value = self._base + total
+        value = (self._base + total) % self._map.cycle_counter.n_counts
         return value if grant is None or grant.type.startswith("f") else wrap_to_type(grant.type, value)
 
     def make(self, reading: Reading, number: int) -> RobotState:
@@ -108,6 +108,7 @@ class SampleMaker:
             speed_fraction=reading.values.get("speed_override", NAN),
             runtime_state=RUNTIME_STATES.get(state, -1),
             safety_status=FAULT if state == "fault" else SAFEGUARD if open_names else NORMAL,
+            digital_inputs=self._interlock_bits(reading),
             cycle_count=count - self._base,
             cycle_running=self._on_path,
             cycle_phase=reading.values.get("phase", NAN),
@@ -118,7 +119,11 @@ class SampleMaker:
         if self._time is None:
             return (capture_ns - self._origin_ns) * 1e-9
         elapsed_s = 0.0 if before_ns is None else (capture_ns - before_ns) * 1e-9
-        return self._time.take(reading.raw["controller_time"], elapsed_s)
+        n_before = self._time.n_restarts
+        time_s = self._time.take(reading.raw["controller_time"], elapsed_s)
+        if self._time.n_restarts > n_before:
+            self._counter.begin_anew()
+        return time_s
 
     def _find_on_path(self, reading: Reading, state: str) -> int:
         if self._map.cycle_running is not None:
@@ -128,6 +133,13 @@ class SampleMaker:
     def _find_open(self, reading: Reading) -> list[str]:
         always = [interlock for interlock in self._map.interlock if interlock.when == "always"]
         return [i.name for i in always if is_open(i.must_be, reading.values[f"interlock.{i.name}"])]
+
+    def _interlock_bits(self, reading: Reading) -> int:
+        """Return one bit for each interlock in the map's order, set while it is as it must be."""
+        if not self._map.interlock:
+            return NO_BITS
+        held = [not is_open(one.must_be, reading.values[f"interlock.{one.name}"]) for one in self._map.interlock]
+        return sum(1 << bit for bit, holds in enumerate(held) if holds)
 
     def _joints(self, reading: Reading) -> Vector6:
         turns = _vector(reading, "joint_turns", 6) if self._map.joint_turns else (0.0,) * 6

@@ -48,7 +48,7 @@ class SignalReader:
         self._single = dict(_single_values(signals))
         base = register_map.base
         spans = [(signal.table, address - base, signal.width) for signal, address in self._single.values()]
-        self.blocks: list[Block] = plan_blocks(spans, register_map.read_gap)
+        self.blocks: list[Block] = plan_blocks(spans, register_map.read_gap, register_map.read_max)
         """The requests of one poll."""
 
     def read(self, link: ModbusLink, clock: Clock) -> Reading:

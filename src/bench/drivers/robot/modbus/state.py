@@ -21,8 +21,6 @@ __all__ = ["ModbusStateStream"]
 logger = logging.getLogger(__name__)
 
 TOPIC = "/robot/state"
-SILENCE_S = 1.0
-"""Machine time without one good answer after which the link is lost; the same as for a UR."""
 FAILED_PAUSE_S = 0.1
 """Machine time before a controller that failed is asked again: it may be starting."""
 MOST_BEHIND = 25
@@ -35,7 +33,7 @@ class ModbusStateStream:
     """`StateStream` of a controller with a Modbus TCP server.
 
     A poll that fails is a missed sample and a line in the log. A connection that breaks is made again with the next
-    poll; a link without a good answer for `silence_s` is lost.
+    poll; a link without a good answer for `[robot] silence_s` is lost.
 
     Parameters
     ----------
@@ -51,8 +49,6 @@ class ModbusStateStream:
         Called once for each loss that is over, from the polling thread.
     reconnect_s : float
         How long to go on polling after a loss; 0: a loss is final.
-    silence_s : float
-        A link without an answer for so long is lost.
     """
 
     def __init__(
@@ -64,7 +60,6 @@ class ModbusStateStream:
         on_lost: Callable[[LinkLostError], None] | None = None,
         on_restored: Callable[[], None] | None = None,
         reconnect_s: float = 0.0,
-        silence_s: float = SILENCE_S,
     ) -> None:
         self._config = config
         self._clock = clock
@@ -72,8 +67,7 @@ class ModbusStateStream:
         self._on_lost = on_lost
         self._on_restored = on_restored
         self._reconnect_s = reconnect_s
-        self._silence_s = silence_s
-        self._link = ModbusLink(config.host, config.port, config.unit_id, config.timeout_s, config.retries)
+        self._link = ModbusLink(config)
         self._reader = SignalReader(config.map, read_signals(config.map))
         out, back = config.map.heartbeat_out, config.map.heartbeat_in
         self._beater = Beater(out, config.map, clock) if out and not config.observe_only else None
@@ -127,6 +121,8 @@ class ModbusStateStream:
     def grant_cycles(self, total: int) -> None:
         """Allow the program to have begun `total` cycles since it started.
 
+        0 withdraws all grants, after a loss that is final too, should the controller still listen.
+
         Raises
         ------
         LinkLostError
@@ -138,8 +134,9 @@ class ModbusStateStream:
             raise DeviceStateError(
                 f"The {self._link.peer} is only observed: no cycle can be granted.", hint="See [robot] observe_only."
             )
-        maker = self._maker
-        if self._thread is None or maker is None or not self._thread.is_alive():
+        maker, thread = self._maker, self._thread
+        is_withdrawn = total == 0  # which must be tried even where nobody watches any more
+        if maker is None or thread is None or not (thread.is_alive() or is_withdrawn):
             raise LinkLostError(f"The {self._link.peer} cannot be granted a cycle: its state stream is not open.")
         try:
             self._write_grant(maker, total)
@@ -221,9 +218,11 @@ class ModbusStateStream:
         return not (self._is_lost and now_ns - self._lost_ns >= patience_ns(self._clock, self._reconnect_s))
 
     def _find_loss(self, trouble: DeviceError | None) -> LinkLostError | None:
-        if trouble is not None and self._clock.now_ns() - self._good_ns > patience_ns(self._clock, self._silence_s):
+        if trouble is not None and self._clock.now_ns() - self._good_ns > patience_ns(
+            self._clock, self._config.silence_s
+        ):
             self._was_silent = True
-            text = f"The {self._link.peer} gave no state for {self._silence_s:g} s. {trouble.args[0]}"
+            text = f"The {self._link.peer} gave no state for {self._config.silence_s:g} s. {trouble.args[0]}"
             return LinkLostError(text, hint=LOST_HINT)
         if self._beats is not None and self._beats.is_late:
             text = f"The heartbeat of the {self._link.peer} has not changed for {self._beats.signal.max_age_s:g} s."

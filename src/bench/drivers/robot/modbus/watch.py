@@ -18,7 +18,7 @@ class ModbusSignalWatch:
     def __init__(self, config: ModbusRobotConfig, clock: Clock) -> None:
         self._map = config.map
         self._clock = clock
-        self._link = ModbusLink(config.host, config.port, config.unit_id, config.timeout_s, config.retries)
+        self._link = ModbusLink(config)
         self._reader = SignalReader(config.map, config.map.signals)
 
     def open(self) -> None:
