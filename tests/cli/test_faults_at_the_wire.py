@@ -108,7 +108,7 @@ def test_the_report_judges_each_cycle_by_it(night: Night, tmp_path: Path) -> Non
     [
         ("emergency_stop", "127.0.64.41", 3, "Robot emergency stop in cycle"),
         ("foreign_program other.urp", "127.0.64.43", 3, "The robot program stopped in cycle"),
-        ("reboot", "127.0.64.45", 4, "counter went from 1 to 0"),
+        ("reboot", "127.0.64.45", 3, "The robot's controller restarted in cycle"),
     ],
 )
 def test_what_ends_the_program_ends_the_run_in_order(
@@ -125,6 +125,7 @@ def test_what_ends_the_program_ends_the_run_in_order(
     assert err.startswith("error: ")
     assert words in err
     assert "--resume" in err
+    assert f"To go on: bench run --cycles 50 --speed 4 --resume {bench.run_file}" in out
     run = open_run(bench.run_file)
     assert (run.status.complete, run.exit_status) == (True, "fail")
     events = run["/cycle/event"]

@@ -83,7 +83,7 @@ class BenchLinks:
         self.robot_tally = RobotTally()
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
-        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written, first_cycle_index)
+        self.guards = Guards(config.policy, clock, inbox.put, record, free_bytes, written, first_cycle_index)
         self.stream = make_state_stream(
             robot,
             clock,

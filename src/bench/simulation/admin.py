@@ -116,6 +116,9 @@ def _link_commands(robot: UrController) -> dict[str, _Command]:
         "burst": _Command(
             "SECONDS", "samples are held back, then delivered at once", lambda text: robot.faults.burst(_seconds(text))
         ),
+        "delay": _Command(
+            "SECONDS", "every sample comes so much later; 0 ends it", lambda text: robot.faults.delay(_seconds(text))
+        ),
         "skip": _Command(
             "N", "the next N samples of the controller never come", lambda text: robot.faults.skip(_count(text))
         ),

@@ -201,6 +201,19 @@ def test_a_burst_is_late_but_whole(admin, link):
     assert not link.lost
 
 
+def test_delayed_samples_are_late_whole_and_in_order_until_the_delay_ends(admin, link):
+    def lag_s(sample):
+        return sample.arrival_ns * 1e-9 - sample.controller_time_s
+
+    usual_s = min(lag_s(sample) for sample in link.sink.samples)
+    assert admin("delay 0.15") == "ok"
+    link.sink.wait_for(lambda: lag_s(link.sink.samples[-1]) - usual_s > 0.14)
+    assert admin("delay 0") == "ok"
+    link.sink.wait_for(lambda: lag_s(link.sink.samples[-1]) - usual_s < 0.1)
+    assert all_missed(link) == 0
+    assert not link.lost
+
+
 def test_skipped_samples_are_counted(admin, link):
     assert admin("skip 7") == "ok"
     link.wait(lambda: link.missed)
@@ -327,8 +340,8 @@ def test_help_names_every_command(admin):
     *lines, last = admin.read_help()
     assert last == "ok"
     names = {line.split()[0] for line in lines}
-    links = {"stall", "burst", "skip", "fin", "rst", "half_open", "reboot", "hold_register", "release_register"}
-    robot = {"protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
+    links = {"stall", "burst", "delay", "skip", "fin", "rst", "half_open", "hold_register", "release_register"}
+    robot = {"reboot", "protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
     assert names == links | robot | {"pause", "resume", "tracker_stall"}
 
 
