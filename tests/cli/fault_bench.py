@@ -62,6 +62,18 @@ class FaultBench:
     def admin(self, command: str) -> None:
         assert self._say(ADMIN_PORT, command, banner=False) == "ok", command
 
+    def told(self) -> list[str]:
+        """Return what the robot was told so far, commands and grants."""
+        admin = (self._host, ADMIN_PORT)
+        with socket.create_connection(admin, timeout=PATIENCE_S) as link, link.makefile("rw") as lines:
+            lines.write("told\n")
+            lines.flush()
+            told = []
+            while (line := lines.readline()) != "ok\n":
+                assert line, "the admin channel was closed"
+                told.append(line.strip())
+        return told
+
     def dashboard(self, command: str) -> str:
         return self._say(DASHBOARD_PORT, command, banner=True)
 

@@ -76,7 +76,7 @@ def fill(folder: Path, leave: int) -> None:
 
 
 def test_a_disk_that_fills_ends_the_run_after_the_cycle_and_the_file_is_whole(small_disk: Path) -> None:
-    bench = FaultBench(small_disk, "127.0.65.33", 30, policy="free_space_mb = 8")
+    bench = FaultBench(small_disk, "127.0.65.33", 60, speed=8.0, policy="free_space_mb = 8")
     try:
         bench.wait_for_cycle()
         fill(small_disk, 6 * MB)
@@ -86,21 +86,21 @@ def test_a_disk_that_fills_ends_the_run_after_the_cycle_and_the_file_is_whole(sm
     assert code == 4, out + err
     assert "The disk has 6 MB free; 8 MB are needed" in out
     assert "Stopped by the policy for this: The disk has" in out
-    assert "To go on: bench run --cycles 30" in out
+    assert "To go on: bench run --cycles 60" in out
     run = open_run(bench.run_file)
     assert (run.status.complete, run.exit_status) == (True, "abort")
     done = cycles(run, CycleEventKind.COMPLETED)
     assert done == cycles(run, CycleEventKind.GRANTED) == list(range(len(done)))
-    assert 0 < len(done) < 30
+    assert 0 < len(done) < 60
     assert cycles(run, CycleEventKind.INTERRUPTED) == []
     assert "STOPPING" in run["/run/state"].state
-    assert f"{len(done)} of 30 cycles" in run.exit_reason
+    assert f"{len(done)} of 60 cycles" in run.exit_reason
 
 
 def test_a_disk_that_is_full_aborts_the_run_and_what_was_written_can_be_read(small_disk: Path) -> None:
-    bench = FaultBench(small_disk, "127.0.65.35", 30, policy="free_space_mb = 0")
+    bench = FaultBench(small_disk, "127.0.65.35", 60, speed=8.0, policy="free_space_mb = 0")
     try:
-        bench.wait("what two flushes wrote", lambda: bench.n_completed() >= 6)
+        bench.wait("what two flushes wrote", lambda: bench.n_completed() >= 10)
         fill(small_disk, 0)
         code, out, err = bench.finish()
     finally:

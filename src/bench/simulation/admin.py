@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from bench.simulation.natnet import NatNetServer
@@ -25,7 +25,8 @@ class _Command:
     arguments: str
     """As `help` shows them; none or one."""
     meaning: str
-    act: Callable[[str], None]
+    act: Callable[[str], Sequence[str] | None]
+    """Returns the lines of an answer that has some."""
 
 
 class AdminServer:
@@ -92,10 +93,10 @@ class _AdminSession:
         if len(words) - 1 != bool(command.arguments):
             return f"error: '{f'{words[0]} {command.arguments}'.strip()}' is expected"
         try:
-            command.act(words[1] if command.arguments else "")
+            lines = command.act(words[1] if command.arguments else "")
         except (ValueError, RuntimeError, TimeoutError) as error:
             return f"error: {error or 'the simulated bench does not run'}"
-        return "ok"
+        return "\n".join([*(lines or ()), "ok"])
 
 
 def _describe(name: str, command: _Command) -> str:
@@ -161,6 +162,7 @@ def _machine_commands(robot: UrController) -> dict[str, _Command]:
         ),
         "pause": _Command("", "pause the program at the pendant", lambda _: robot.act(machine.pause)),
         "resume": _Command("", "let it go on", lambda _: robot.act(machine.resume)),
+        "told": _Command("", "list what clients commanded and granted so far", lambda _: list(machine.told)),
     }
 
 

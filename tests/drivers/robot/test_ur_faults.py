@@ -31,11 +31,11 @@ class Admin:
         self._link.sendall(f"{command}\n".encode())
         return self._lines.readline().strip()
 
-    def read_help(self):
-        lines = [self("help")]
+    def read_all(self, command):
+        lines = [self(command)]
         while lines[-1] != "ok":
             lines.append(self._lines.readline().strip())
-        return lines
+        return lines[:-1]
 
     def close(self):
         self._lines.close()
@@ -337,12 +337,11 @@ def test_local_mode_is_told_by_the_dashboard_to_who_asks(admin):
 
 
 def test_help_names_every_command(admin):
-    *lines, last = admin.read_help()
-    assert last == "ok"
+    lines = admin.read_all("help")
     names = {line.split()[0] for line in lines}
     links = {"stall", "burst", "delay", "skip", "fin", "rst", "half_open", "hold_register", "release_register"}
     robot = {"reboot", "protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
-    assert names == links | robot | {"pause", "resume", "tracker_stall"}
+    assert names == links | robot | {"pause", "resume", "told", "tracker_stall"}
 
 
 @pytest.mark.parametrize(
@@ -362,6 +361,13 @@ def test_help_names_every_command(admin):
 )
 def test_a_command_that_cannot_be_obeyed_is_told_why(admin, command, answer):
     assert admin(command) == answer
+
+
+def test_what_clients_commanded_and_granted_is_told(admin, link):
+    link.stream.grant_cycles(3)
+    ask_dashboard("robotmode", "load bend_test.urp", "unlock protective stop")
+    link.wait_for_samples()
+    assert sorted(admin.read_all("told")) == ["grant 0", "grant 3", "load bend_test.urp", "unlock protective stop"]
 
 
 def test_the_tracker_obeys_too(admin, tracker):
