@@ -14,6 +14,8 @@ __all__ = ["PlcLogic"]
 
 BEATS_MISSED = 4
 """Periods of bench's heartbeat after which the controller pauses its program, as its builder promised."""
+BEATS_PER_AGE = 4
+"""Changes of the controller's heartbeat in the time it may stand still: slower than any poll, which would miss some."""
 
 
 class PlcLogic:
@@ -53,7 +55,6 @@ class PlcLogic:
         self._last_count = 0
         self._given: dict[str, bool] = {}
         self._beat: tuple[float, int] | None = None
-        self._n_scans = 0
         self.fault_code = 0
         """Not 0: the controller shows a fault and its program is stopped."""
         self.open_interlocks: set[str] = set()
@@ -67,7 +68,6 @@ class PlcLogic:
             self._scan(due_ns)
 
     def _scan(self, due_ns: int) -> None:
-        self._n_scans += 1
         self._take_commands()
         if self.fault_code:
             self.program.stop()
@@ -136,7 +136,7 @@ class PlcLogic:
             "phase": motion.phase,
             "fault_code": self.fault_code,
             "speed_override": 1.0,
-            "heartbeat_in": self._n_scans % 2 if self.beats else 0,
+            "heartbeat_in": self._own_beat(),
         }
         for name, value in shown.items():
             signal = getattr(mapped, name)
@@ -150,6 +150,12 @@ class PlcLogic:
             is_open = interlock.name in self.open_interlocks
             tables.set(interlock, float(not interlock.must_be) if is_open else interlock.must_be)
         self._show_vectors(motion)
+
+    def _own_beat(self) -> int:
+        signal = self._map.heartbeat_in
+        if signal is None or not self.beats:
+            return 0
+        return self._clock.now_ns() // patience_ns(self._clock, signal.max_age_s / BEATS_PER_AGE) % 2
 
     def _state_value(self, signal: StateSignal, motion: Motion) -> float:
         values, state = signal.values, self.program.state
