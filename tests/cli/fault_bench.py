@@ -20,7 +20,7 @@ PATIENCE_S = 60.0
 
 
 class FaultBench:
-    """One run of `n_cycles`, four times as fast as real time.
+    """One run of `n_cycles`.
 
     Parameters
     ----------
@@ -28,22 +28,51 @@ class FaultBench:
         Where its files go.
     host : str
         A loopback address for the robot that nobody else uses; the tracker has the one after it.
+    speed : float
+        Times real time.
+    policy : str
+        Lines of `[policy]`.
+    changes : tuple of str
+        What is replaced in the simulated bench's configuration, and by what.
     """
 
-    def __init__(self, folder: Path, host: str, n_cycles: int) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        host: str,
+        n_cycles: int,
+        *changes: tuple[str, str],
+        speed: float = 4.0,
+        policy: str = "tracker_silence_s = 1.0",
+    ) -> None:
         self.run_file = folder / "a.mcap"
         self._host = host
         first, last = host.rsplit(".", 1)
         text = simulated_config_text().replace("127.0.0.21", host).replace("127.0.0.22", f"{first}.{int(last) + 1}")
         text = text.replace("[simulation]", f"[simulation]\nadmin_port = {ADMIN_PORT}")
+        for old, new in changes:
+            assert old in text
+            text = text.replace(old, new)
         config = folder / "simulated.toml"
-        config.write_text(text + "\n[policy]\ntracker_silence_s = 1.0\n", encoding="utf-8")
+        config.write_text(f"{text}\n[policy]\n{policy}\n", encoding="utf-8")
         self._process: subprocess.Popen[str] = start_bench(
-            "run", config, "--cycles", str(n_cycles), "--speed", "4", "--output", self.run_file
+            "run", config, "--cycles", str(n_cycles), "--speed", f"{speed:g}", "--output", self.run_file
         )
 
     def admin(self, command: str) -> None:
         assert self._say(ADMIN_PORT, command, banner=False) == "ok", command
+
+    def told(self) -> list[str]:
+        """Return what the robot was told so far, commands and grants."""
+        admin = (self._host, ADMIN_PORT)
+        with socket.create_connection(admin, timeout=PATIENCE_S) as link, link.makefile("rw") as lines:
+            lines.write("told\n")
+            lines.flush()
+            told = []
+            while (line := lines.readline()) != "ok\n":
+                assert line, "the admin channel was closed"
+                told.append(line.strip())
+        return told
 
     def dashboard(self, command: str) -> str:
         return self._say(DASHBOARD_PORT, command, banner=True)

@@ -1,4 +1,21 @@
-"""Faults of robot and tracker during a run, over real sockets: what the user sees and what the file holds."""
+"""Faults of robot and tracker during a run, over real sockets: what is seen, recorded, and told to the robot.
+
+The rows of `docs/reference/what-happens-when.md`, and where each is proved besides here:
+
+| row | tests |
+|---|---|
+| protective and safeguard stop, pause, slider | here (`night`); `tests/run/test_holding.py`, `test_ur_faults.py` |
+| emergency stop, another program, restart | here; `test_watchers.py`, `test_holding.py`, `test_ur_reconnect.py` |
+| counter jumps, a cycle that does not end | `tests/run/test_engine.py` |
+| local mode | here, at the end of `night`; before the start: `test_bad_input.py` |
+| link lost, tracker silent | here; `test_endurance.py`, `test_ur_reconnect.py`, `test_natnet_stall.py` |
+| samples skipped, half-open controller, register in use | `tests/drivers/robot/test_ur_faults.py` |
+| packages queue, disk fills, disk full | `test_policies_at_the_wire.py`, `tests/run/test_guard_limits.py` |
+| Modbus heartbeats, exceptions, late answers | `tests/drivers/robot/test_modbus_state_stream.py` |
+| bench or controller killed, or stalled | `test_endurance.py`, `test_resume_runs.py`, `tests/run/test_own_pause.py` |
+| Ctrl-C | `test_interrupts.py`, `tests/run/test_engine.py` |
+| what the robot is told at the end | `tests/run/test_holding.py` |
+"""
 
 from __future__ import annotations
 
@@ -25,6 +42,8 @@ class Night:
     run: Run
     stopped_in: list[int]
     """Cycles in which the robot was stopped."""
+    told: list[str]
+    """Commands and grants that the robot got, up to its last cycles."""
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +61,12 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> Night:
         bench.hold_and_go_on("rst")
         bench.hold_and_go_on("fin")
         bench.wait_for_cycle()
+        told = bench.told()
         bench.admin("local on")
         code, out, err = bench.finish()
     finally:
         bench.close()
-    return Night(code, out, err, open_run(bench.run_file), stopped_in)
+    return Night(code, out, err, open_run(bench.run_file), stopped_in, told)
 
 
 def test_the_run_ends_with_every_cycle_once(night: Night) -> None:
@@ -79,6 +99,16 @@ def test_every_hold_and_its_reason_is_in_the_file(night: Night) -> None:
     assert said.count("Over: robot link lost.") >= 3
 
 
+def test_the_robot_is_told_nothing_but_to_play_once_and_one_cycle_after_the_other(night: Night) -> None:
+    commands = [line for line in night.told if not line.startswith("grant ")]
+    assert [line for line in commands if line != "unlock protective stop"] == ["load bend_test.urp", "play"]
+    grants = [int(line.removeprefix("grant ")) for line in night.told if line.startswith("grant ")]
+    assert grants[:2] == [0, 0]  # when it was connected, and before the program played
+    assert grants == sorted(grants)
+    assert set(grants) == set(range(max(grants) + 1))
+    assert max(grants) <= N_CYCLES
+
+
 def marked_cycles(run: Run) -> list[int]:
     events = run["/cycle/event"]
     return events.cycle_index[events.kind == 3].tolist()
@@ -108,7 +138,7 @@ def test_the_report_judges_each_cycle_by_it(night: Night, tmp_path: Path) -> Non
     [
         ("emergency_stop", "127.0.64.41", 3, "Robot emergency stop in cycle"),
         ("foreign_program other.urp", "127.0.64.43", 3, "The robot program stopped in cycle"),
-        ("reboot", "127.0.64.45", 4, "counter went from 1 to 0"),
+        ("reboot", "127.0.64.45", 3, "The robot's controller restarted in cycle"),
     ],
 )
 def test_what_ends_the_program_ends_the_run_in_order(
@@ -125,6 +155,7 @@ def test_what_ends_the_program_ends_the_run_in_order(
     assert err.startswith("error: ")
     assert words in err
     assert "--resume" in err
+    assert f"To go on: bench run --cycles 50 --speed 4 --resume {bench.run_file}" in out
     run = open_run(bench.run_file)
     assert (run.status.complete, run.exit_status) == (True, "fail")
     events = run["/cycle/event"]

@@ -12,9 +12,9 @@ from markupsafe import Markup
 from synthetic_results import GRID_M, make_results
 
 from bench.errors import RecordingError, RecordingExistsError
-from bench.model import Outcome
-from bench.report.html import ATTENTION_ROWS, render_report, write_report
-from bench.report.results import ClockFinding, StreamFinding
+from bench.model import Outcome, Severity
+from bench.report.html import ATTENTION_ROWS, NOTED_ROWS, render_report, write_report
+from bench.report.results import ClockFinding, NotedLine, StreamFinding
 
 VOID = {"area", "base", "br", "col", "hr", "img", "input", "link", "meta", "source", "wbr"}
 HOSTILE = "<script>alert(1)</script>\"'><img src=http://evil.example/x onerror=alert(2)>{{ 7 * 7 }}"
@@ -93,6 +93,7 @@ def test_every_section_is_there_in_order():
         "Largest curvature per cycle",
         "Bend-radius map",
         "Cycles that need a look",
+        "What the run noted",
         "Losses, stream by stream",
         "Clocks",
         "Methods and their limits",
@@ -148,6 +149,7 @@ def test_hostile_names_stay_text_everywhere():
         outcome_reasons=[HOSTILE],
         warnings=[HOSTILE],
         attention={1: [HOSTILE]},
+        noted=[NotedLine(0, Severity.WARN, HOSTILE, HOSTILE)],
         streams=[StreamFinding(HOSTILE, 1.0, 1, 1, 0, 0)],
         clocks=[ClockFinding(HOSTILE, 0, HOSTILE, 0.0, 0.0, 0.0, 1)],
         versions={HOSTILE: HOSTILE, "bench": HOSTILE},
@@ -159,6 +161,22 @@ def test_hostile_names_stay_text_everywhere():
     assert not page.all("img")
     assert not any(name.startswith("on") for _, attributes in page.elements for name in attributes)
     assert page.text.count("{{ 7 * 7 }}") >= 15
+
+
+def test_what_the_run_noted_is_told_with_its_time():
+    noted = [NotedLine(1_700_000_000_250_000_000, Severity.ERROR, "robot", "The controller closed the connection.")]
+    page = Page(render_report(make_results(1, noted=noted)))
+    assert "2023-11-14 22:13:20.250 error robot The controller closed the connection." in page.text
+
+
+def test_a_long_log_shows_its_warnings_first_and_says_how_much_is_left_out():
+    noted = [NotedLine(n, Severity.INFO, "run", f"info {n}.") for n in range(NOTED_ROWS)]
+    noted += [NotedLine(n, Severity.WARN, "run", f"warning {n}.") for n in range(NOTED_ROWS + 5)]
+    page = Page(render_report(make_results(1, noted=noted)))
+    assert "info 0." not in page.text
+    assert f"warning {NOTED_ROWS - 1}." in page.text
+    assert f"warning {NOTED_ROWS}." not in page.text
+    assert f"And {NOTED_ROWS + 5} more: topic /log of the recording." in page.text
 
 
 @words_only

@@ -40,6 +40,7 @@ class Setup:
             policy,
             self.clock,
             self.inbox.put,
+            self.records.append,
             lambda: self.free_bytes,
             lambda: self.bytes_per_cycle * self.robot.count,
             n_before,

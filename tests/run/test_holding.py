@@ -12,7 +12,14 @@ from fake_robot import FakeRobot
 
 import bench
 from bench.config import PolicyConfig
-from bench.errors import CycleTimeoutError, DeviceStateError, DeviceTimeoutError, DiskFullError, LinkLostError
+from bench.errors import (
+    BenchError,
+    CycleTimeoutError,
+    DeviceStateError,
+    DeviceTimeoutError,
+    DiskFullError,
+    LinkLostError,
+)
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, RunState, StateChange
 from bench.run.conditions import ConditionKind, describe_lost_link
 from bench.run.inbox import ConditionCleared, ConditionRaised, StopRequested
@@ -69,6 +76,30 @@ def test_bench_never_releases_a_stop_and_never_resumes_a_program(status: int) ->
     stop_and_resume(setup, status)
     setup.engine.run()
     assert setup.robot.commands == ["play", "stop"]
+
+
+@pytest.mark.parametrize(
+    "cause",
+    [
+        lambda setup: setup.robot.emergency_stop(),
+        lambda setup: put("playing", False)(setup.robot),
+        lambda setup: put("count", 5)(setup.robot),
+        lambda setup: put("_move", lambda: None)(setup.robot),
+        lambda setup: setup.robot.protective_stop(),
+        lambda setup: lose_link(setup),
+        lambda setup: setup.inbox.fail(DiskFullError("The disk is full.")),
+    ],
+    ids=["emergency stop", "program ended", "counter", "cycle hangs", "hold too long", "link never back", "disk full"],
+)
+def test_whatever_ends_a_run_the_robot_is_told_to_stop_and_nothing_else(cause: Callable[[Setup], object]) -> None:
+    setup = Setup(4, RunLimits(cycle_s=20.0, hold_s=60.0))
+    setup.robot.at_tick[IN_CYCLE_2] = lambda _robot: cause(setup)
+    with pytest.raises(BenchError):
+        setup.engine.run()
+    assert [command for command in setup.robot.commands if command != "check"] == ["play", "stop"]
+    assert setup.robot.granted == (3 if setup.robot.link_broken else 0)  # a link that is gone takes nothing back
+    assert setup.kinds(CycleEventKind.GRANTED) == [0, 1, 2]
+    assert setup.kinds(CycleEventKind.INTERRUPTED) == [2]
 
 
 def test_no_command_that_would_make_a_stopped_robot_go_on_is_in_the_product() -> None:

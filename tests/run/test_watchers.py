@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.config import parse_config, simulated_config, simulated_config_text
-from bench.errors import ConfigError
+from bench.errors import ConfigError, DeviceStateError
 from bench.model import RobotState
 from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
 from bench.run.pace import PaceWatch
@@ -50,6 +50,13 @@ def test_a_cycle_so_short_that_no_sample_shows_it_running_is_still_counted() -> 
 def test_a_counter_that_falls_is_a_fault() -> None:
     events = watch([dataclasses.replace(BASE, cycle_count=1), BASE])
     assert isinstance(events[-1], Fault)
+
+
+def test_a_counter_that_falls_with_the_controllers_time_is_a_restart() -> None:
+    events = watch([dataclasses.replace(BASE, cycle_count=1), dataclasses.replace(BASE, controller_time_s=12.0)])
+    assert isinstance(events[-1], Fault)
+    assert isinstance(events[-1].error, DeviceStateError)
+    assert "controller restarted in cycle 1, and its program is gone" in str(events[-1].error)
 
 
 def test_a_stream_that_keeps_up_is_never_behind_whatever_its_drift() -> None:

@@ -232,7 +232,12 @@ class HeartbeatOut(WrittenSignal):
 class HeartbeatIn(Signal):
     """A sign of life of the controller: a value that keeps changing."""
 
-    max_age_s: float = Field(2.0, ge=0.1, le=600, description="Longest time without a change.")
+    max_age_s: float = Field(
+        2.0,
+        ge=0.1,
+        le=600,
+        description="Longest time without a change. Each value must stand for longer than one poll.",
+    )
     on_loss: Literal["lost", "report"] = Field(
         "lost", description="'lost': the robot's link counts as lost; 'report': only a line in the log."
     )

@@ -12,6 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bench.errors import DiskFullError, RecordingError, RecordingExistsError
+from bench.model import Severity
 from bench.report.figures import (
     bend_map_figure,
     completeness_figure,
@@ -23,7 +24,7 @@ from bench.report.figures import (
 )
 from bench.report.headline import Headline, find_unjudged_bend, summarise
 from bench.report.methods import describe_methods, warn_about_clamps
-from bench.report.results import Results
+from bench.report.results import NotedLine, Results
 from bench.report.wording import (
     describe_clocks,
     describe_cycles,
@@ -45,6 +46,8 @@ __all__ = ["ATTENTION_ROWS", "REPORT_NAME", "render_report", "write_report"]
 REPORT_NAME = "report.html"
 ATTENTION_ROWS = 200
 """Most rows in the table of odd cycles: four printed pages; the rest is in ``cycles.parquet``."""
+NOTED_ROWS = 200
+"""Most lines of the run's log: a night with a loose plug gives thousands; they are in the recording."""
 
 
 CONTROLS = dict.fromkeys([*range(9), *range(11, 32), 127, *range(0x202A, 0x202F), *range(0x2066, 0x206A)], "\ufffd")
@@ -145,6 +148,7 @@ def _context(results: Results) -> dict[str, Any]:
         "captions": _captions(results),
         "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
         "n_odd": len(odd),
+        "noted": _choose_noted(results.noted),
         "methods": describe_methods(results),
         "files": FILES,
     }
@@ -235,6 +239,13 @@ def _odd_cycle(results: Results, index: int) -> _OddCycle:
         place=say_mm(1e3 * float(cycles.max_curvature_arc_length_m[row])),
         reasons=results.attention[index],
     )
+
+
+def _choose_noted(noted: list[NotedLine]) -> list[NotedLine]:
+    """Return what there is room for: where it is too much, warnings and errors come first."""
+    if len(noted) > NOTED_ROWS:
+        noted = [line for line in noted if line.severity > Severity.INFO]
+    return noted[:NOTED_ROWS]
 
 
 def _with_band(value: float, sigma: float) -> str:

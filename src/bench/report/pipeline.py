@@ -26,6 +26,7 @@ from bench.report.source import (
     load_topics,
     read_account,
     read_frames,
+    read_noted,
     read_robot,
 )
 from bench.report.streams import find_streams
@@ -101,6 +102,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
+        noted=read_noted(run),
         warnings=[
             *start.warnings,
             *_warn_of_origin(account),

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.config import Config
-from bench.model import Outcome
+from bench.model import Outcome, Severity
 
-__all__ = ["ClockFinding", "CycleColumns", "ExampleFrame", "FrameColumns", "Results", "StreamFinding"]
+__all__ = ["ClockFinding", "CycleColumns", "ExampleFrame", "FrameColumns", "NotedLine", "Results", "StreamFinding"]
 
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
@@ -90,6 +90,17 @@ class ClockFinding:
     residual_p99_us: float = float("nan")
 
 
+@dataclass(frozen=True)
+class NotedLine:
+    """One sentence of the run's log."""
+
+    host_ns: int
+    severity: Severity
+    name: str
+    """Who said it: `run`, `robot`, `tracker`, `recorder`."""
+    text: str
+
+
 @dataclass(frozen=True, eq=False)
 class ExampleFrame:
     """One frame shown as the paper's Fig. 5 shows it."""
@@ -144,6 +155,8 @@ class Results:
     clocks: list[ClockFinding]
     attention: dict[int, list[str]] = field(default_factory=dict)
     """Cycles that need a look, by index, with the reasons in words."""
+    noted: list[NotedLine] = field(default_factory=list)
+    """The run's log, in order."""
     warnings: list[str] = field(default_factory=list)
     """Sentences about the analysis itself that the reader must know."""
     analysis_s: float = float("nan")

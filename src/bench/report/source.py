@@ -19,9 +19,9 @@ from bench.analysis import (
     count_cycles,
     find_gaps,
 )
-from bench.model import ClockSource, CycleEventKind
-from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, ROBOT, STATS, Run
-from bench.report.results import ClockFinding
+from bench.model import ClockSource, CycleEventKind, Severity
+from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATS, Run
+from bench.report.results import ClockFinding, NotedLine
 
 __all__ = [
     "BodyPoses",
@@ -31,6 +31,7 @@ __all__ = [
     "load_topics",
     "read_account",
     "read_frames",
+    "read_noted",
     "read_robot",
 ]
 
@@ -106,7 +107,7 @@ class CycleAccount:
 
 def load_topics(run: Run) -> None:
     """Read all that the analysis needs in one pass over the file."""
-    run.load([ROBOT, FRAME, POINTS, BODIES, CLOCK, CYCLE, STATS])
+    run.load([ROBOT, FRAME, POINTS, BODIES, CLOCK, CYCLE, LOG, STATS])
 
 
 def read_account(run: Run) -> CycleAccount:
@@ -128,6 +129,14 @@ def read_account(run: Run) -> CycleAccount:
 def _read_count(run: Run, key: str) -> int:
     text = run.metadata.get(RESUMED, {}).get(key, "0")
     return int(text) if text.isdecimal() else 0
+
+
+def read_noted(run: Run) -> list[NotedLine]:
+    """Read the run's log: link events, holds and their ends, warnings."""
+    log = run[LOG]
+    severities = [max((s for s in Severity if s <= level), default=Severity.INFO) for level in log.severity.tolist()]
+    columns = zip(_ints(log.log_time_ns).tolist(), severities, log.name, log.text, strict=True)
+    return [NotedLine(host_ns, severity, str(name), str(text)) for host_ns, severity, name, text in columns]
 
 
 def read_frames(run: Run) -> TrackerFrames:

@@ -90,7 +90,7 @@ class BenchLinks:
         self.frame_tally = FrameTally()
         self.pace = PaceWatch(clock)
         words = make_robot_words(robot)
-        self.guards = Guards(config.policy, clock, inbox.put, free_bytes, written, first_cycle_index, words)
+        self.guards = Guards(config.policy, clock, inbox.put, record, free_bytes, written, first_cycle_index, words)
         self.stream = make_state_stream(
             robot,
             clock,

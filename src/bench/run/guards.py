@@ -9,9 +9,10 @@ from collections.abc import Callable
 
 from bench.config import PolicyConfig
 from bench.errors import DeviceError, DiskFullError, LinkLostError
-from bench.model import RobotState
+from bench.model import Record, RobotState
 from bench.run.conditions import ROBOT_STOPS, Condition, ConditionKind
 from bench.run.inbox import ConditionCleared, ConditionRaised, Event
+from bench.run.own_pause import OwnPause
 from bench.run.robot_words import UR_WORDS, RobotWords
 from bench.run.watcher import PLAYING
 from bench.timing import Clock, patience_ns
@@ -137,6 +138,10 @@ class LinkGuard:
     def update_tracker(self, arrival_ns: int) -> None:
         self._frame_ns = arrival_ns
 
+    def begin_again(self) -> None:
+        """Count the tracker's silence from now: nobody listened before."""
+        self._frame_ns = self._clock.now_ns()
+
     def update_lag(self, lag_ns: int, arrival_ns: int) -> None:
         """Take one package's lag behind the controller's own clock into account.
 
@@ -230,6 +235,8 @@ class Guards:
     clock : Clock
     notify : callable
         Told `ConditionRaised` and `ConditionCleared`, from the thread that feeds.
+    record : callable
+        Where it is logged that bench itself stood still.
     free_bytes, written : callable
         Free space on the run file's disk, and the size of the run file so far.
     first_cycle_index : int, optional
@@ -243,11 +250,13 @@ class Guards:
         policy: PolicyConfig,
         clock: Clock,
         notify: Notify,
+        record: Callable[[Record], None],
         free_bytes: Callable[[], int],
         written: Callable[[], int],
         first_cycle_index: int = 0,
         words: RobotWords = UR_WORDS,
     ) -> None:
+        self._own_pause = OwnPause(clock, record)
         self._robot = RobotGuard(notify, first_cycle_index, words)
         self._links = LinkGuard(policy, clock, notify)
         self._disk = DiskGuard(policy, clock, notify, free_bytes, written)
@@ -281,5 +290,7 @@ class Guards:
     def poll(self, n_completed: int, n_cycles: int) -> None:
         """Judge what shows by its absence; from the engine's thread."""
         if self._armed:
+            if self._own_pause.look():
+                self._links.begin_again()
             self._links.poll()
             self._disk.poll(n_completed, n_cycles)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import uuid
 from dataclasses import dataclass
@@ -191,8 +192,10 @@ class _Session:
             self._finish_file()
         except BaseException:
             self._journal.close(remove=False)
+            self._say_how_to_go_on(self._path.with_name(f"{self._path.name}.active"))
             raise
         self._journal.close(remove=True)
+        self._say_how_to_go_on(self._path)
 
     def _finish_file(self) -> None:
         if self._progress.run_started_ns < 0:
@@ -200,6 +203,14 @@ class _Session:
             return
         self._writer.add_metadata("bench.cycles", {"completed": str(self._progress.n_completed)})
         self._writer.close(exit_status=str(self._ending.status), reason=self._ending.reason)
+
+    def _say_how_to_go_on(self, path: Path) -> None:
+        progress = self._progress
+        if progress.run_started_ns < 0 or progress.n_completed >= progress.n_cycles:
+            return
+        speed = [] if self._options.speed == 1.0 else ["--speed", f"{self._options.speed:g}"]
+        command = ["bench", "run", "--cycles", str(progress.n_cycles), *speed, "--resume", str(path)]
+        self._view.say(f"To go on: {shlex.join(command)}")
 
     def _connect(self) -> BenchLinks:
         self._states.enter(RunState.CONNECTING)

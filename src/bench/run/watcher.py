@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 
-from bench.errors import CycleSequenceError
+from bench.errors import BenchError, CycleSequenceError, DeviceStateError
 from bench.model import CycleEvent, CycleEventKind, Record, RobotState
 from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
 
@@ -112,13 +112,27 @@ class CycleWatcher:
             self._mark(CycleEventKind.COMPLETED, state, before.cycle_count)
             self._notify(CycleCompleted(before.cycle_count))
         elif step != 0:
-            self._notify(Fault(_jumped(before, state)))
+            self._notify(Fault(self._describe_jump(before, state)))
         if state.cycle_running == 1 and (before.cycle_running != 1 or (step == 1 and self._ends_at_next)):
             self._mark(CycleEventKind.STARTED, state, state.cycle_count)
             self._notify(CycleStarted(state.cycle_count))
 
     def _mark(self, kind: CycleEventKind, state: RobotState, cycle_index: int) -> None:
         self._record(CycleEvent(state.capture_ns, kind, self._first_cycle_index + cycle_index, state.controller_time_s))
+
+    def _describe_jump(self, before: RobotState, state: RobotState) -> BenchError:
+        if state.cycle_count < before.cycle_count and state.controller_time_s < before.controller_time_s:
+            return _restarted(before, state, self._first_cycle_index + before.cycle_count)
+        return _jumped(before, state)
+
+
+def _restarted(before: RobotState, state: RobotState, cycle_index: int) -> DeviceStateError:
+    return DeviceStateError(
+        f"The robot's controller restarted in cycle {cycle_index}, and its program is gone: "
+        f"its time went from {before.controller_time_s:.3f} s to {state.controller_time_s:.3f} s.",
+        hint="See that robot and cable are well, power the robot on and release its brakes at the pendant, "
+        "then go on with --resume.",
+    )
 
 
 def _jumped(before: RobotState, state: RobotState) -> CycleSequenceError:

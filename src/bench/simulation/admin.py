@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from bench.simulation.modbus import ModbusController
@@ -26,7 +26,8 @@ class _Command:
     arguments: str
     """As `help` shows them; none or one, of which a NAME may have spaces."""
     meaning: str
-    act: Callable[[str], None]
+    act: Callable[[str], Sequence[str] | None]
+    """Returns the lines of an answer that has some."""
 
     def takes(self, n_words: int) -> bool:
         """Whether so many words may follow the command."""
@@ -99,10 +100,10 @@ class _AdminSession:
         if not command.takes(len(words) - 1):
             return f"error: '{f'{words[0]} {command.arguments}'.strip()}' is expected"
         try:
-            command.act(" ".join(words[1:]))
+            lines = command.act(" ".join(words[1:]))
         except (ValueError, RuntimeError, TimeoutError) as error:
             return f"error: {error or 'the simulated bench does not run'}"
-        return "ok"
+        return "\n".join([*(lines or ()), "ok"])
 
 
 def _describe(name: str, command: _Command) -> str:
@@ -122,6 +123,9 @@ def _link_commands(robot: UrController) -> dict[str, _Command]:
         ),
         "burst": _Command(
             "SECONDS", "samples are held back, then delivered at once", lambda text: robot.faults.burst(_seconds(text))
+        ),
+        "delay": _Command(
+            "SECONDS", "every sample comes so much later; 0 ends it", lambda text: robot.faults.delay(_seconds(text))
         ),
         "skip": _Command(
             "N", "the next N samples of the controller never come", lambda text: robot.faults.skip(_count(text))
@@ -165,6 +169,7 @@ def _machine_commands(robot: UrController) -> dict[str, _Command]:
         ),
         "pause": _Command("", "pause the program at the pendant", lambda _: robot.act(machine.pause)),
         "resume": _Command("", "let it go on", lambda _: robot.act(machine.resume)),
+        "told": _Command("", "list what clients commanded and granted so far", lambda _: list(machine.told)),
     }
 
 

@@ -31,11 +31,11 @@ class Admin:
         self._link.sendall(f"{command}\n".encode())
         return self._lines.readline().strip()
 
-    def read_help(self):
-        lines = [self("help")]
+    def read_all(self, command):
+        lines = [self(command)]
         while lines[-1] != "ok":
             lines.append(self._lines.readline().strip())
-        return lines
+        return lines[:-1]
 
     def close(self):
         self._lines.close()
@@ -201,6 +201,19 @@ def test_a_burst_is_late_but_whole(admin, link):
     assert not link.lost
 
 
+def test_delayed_samples_are_late_whole_and_in_order_until_the_delay_ends(admin, link):
+    def lag_s(sample):
+        return sample.arrival_ns * 1e-9 - sample.controller_time_s
+
+    usual_s = min(lag_s(sample) for sample in link.sink.samples)
+    assert admin("delay 0.15") == "ok"
+    link.sink.wait_for(lambda: lag_s(link.sink.samples[-1]) - usual_s > 0.14)
+    assert admin("delay 0") == "ok"
+    link.sink.wait_for(lambda: lag_s(link.sink.samples[-1]) - usual_s < 0.1)
+    assert all_missed(link) == 0
+    assert not link.lost
+
+
 def test_skipped_samples_are_counted(admin, link):
     assert admin("skip 7") == "ok"
     link.wait(lambda: link.missed)
@@ -322,12 +335,11 @@ def test_local_mode_is_told_by_the_dashboard_to_who_asks(admin):
 
 
 def test_help_names_every_command(admin):
-    *lines, last = admin.read_help()
-    assert last == "ok"
+    lines = admin.read_all("help")
     names = {line.split()[0] for line in lines}
-    links = {"stall", "burst", "skip", "fin", "rst", "half_open", "reboot", "hold_register", "release_register"}
-    robot = {"protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
-    assert names == links | robot | {"pause", "resume", "tracker_stall"}
+    links = {"stall", "burst", "delay", "skip", "fin", "rst", "half_open", "hold_register", "release_register"}
+    robot = {"reboot", "protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
+    assert names == links | robot | {"pause", "resume", "told", "tracker_stall"}
 
 
 @pytest.mark.parametrize(
@@ -347,6 +359,13 @@ def test_help_names_every_command(admin):
 )
 def test_a_command_that_cannot_be_obeyed_is_told_why(admin, command, answer):
     assert admin(command) == answer
+
+
+def test_what_clients_commanded_and_granted_is_told(admin, link):
+    link.stream.grant_cycles(3)
+    ask_dashboard("robotmode", "load bend_test.urp", "unlock protective stop")
+    link.wait_for_samples()
+    assert sorted(admin.read_all("told")) == ["grant 0", "grant 3", "load bend_test.urp", "unlock protective stop"]
 
 
 def test_the_tracker_obeys_too(admin, tracker):

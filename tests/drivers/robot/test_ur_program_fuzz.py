@@ -1,11 +1,13 @@
 from __future__ import annotations
 
 import sys
+import threading
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bench.drivers.robot.ur import dashboard_line
 from bench.drivers.robot.ur.effect import EffectLimits
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.errors import DeviceError
@@ -30,6 +32,26 @@ LINES = st.one_of(
     st.binary(max_size=60),
     st.just(b"x" * 5000),
 )
+
+
+@pytest.mark.parametrize("banner", [b"", BANNER + b"\n"], ids=["the banner drips", "the answer drips"])
+def test_an_answer_that_drips_does_not_outlast_the_limit(scripted, clock, monkeypatch, banner):
+    monkeypatch.setattr(dashboard_line, "ANSWER_LIMIT_S", 0.2)
+
+    def drip(link):
+        link.sendall(banner)
+        while True:
+            link.sendall(b"x")
+            threading.Event().wait(0.02)
+
+    scripted(HOST, drip, port=29999)
+    dashboard = dashboard_line.LineDashboard(HOST, clock)
+    try:
+        with pytest.raises((TimeoutError, RuntimeError), match=r"Operation canceled|timed out"):
+            dashboard.connect()
+            dashboard.robotmode()
+    finally:
+        dashboard.disconnect()
 
 
 class Dashboard:

@@ -93,6 +93,7 @@ class DashboardSession:
             return f"could not understand: '{text}'"
         if not self._has_control:
             return NOT_REMOTE
+        self._machine.told.append(text)
         return self._load(text.split(maxsplit=1)[1]) if is_load else self._commands[command]()
 
     def _make_queries(self) -> dict[str, Callable[[], str]]:

@@ -83,6 +83,10 @@ class LinkFaults:
         self._rtde.hold_packages()
         self._scheduler.call_at(self._held_until_ns, self._end_burst)
 
+    def delay(self, duration_s: float) -> None:
+        """Let every package come so much later from now on, as a network does that queues; 0 ends it."""
+        self._rtde.delay_ns = patience_ns(self._clock, duration_s)
+
     def skip(self, n_ticks: int) -> None:
         """Send no packages in the next ticks of the controller, as one does that is busy."""
         self._n_skip = n_ticks

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
@@ -25,6 +26,8 @@ UNLIMITED = 1 << 31
 """Grants of a program that waits for none."""
 UNLOCK_AFTER_NS = 5_000_000_000
 """A protective stop can be released 5 s after it occurred (dashboard server manual)."""
+LONGEST_MEMORY = 10_000
+"""Commands that are remembered: a run of a few thousand cycles."""
 
 
 class RobotMode(IntEnum):
@@ -98,6 +101,8 @@ class Machine:
         self._script: ControlScript | None = None
         self._goes_on = False
         self.values = initial_values()
+        self.told: deque[str] = deque(maxlen=LONGEST_MEMORY)
+        """Commands and grants that clients gave, in their words, the newest last."""
         self._grant_name = None if registers.grant is None else f"input_int_register_{registers.grant}"
         self._output_bit = 0 if registers.digital_output is None else 1 << registers.digital_output
         self._high_until = PULSE_PHASE if registers.pulses else 2.0
@@ -174,6 +179,8 @@ class Machine:
     def write_inputs(self, inputs: Mapping[str, Value]) -> None:
         """Keep what a client wrote and let it act where it does; from the network's thread."""
         self.values.update(inputs)
+        if self._grant_name is not None and self._grant_name in inputs:
+            self.told.append(f"grant {inputs[self._grant_name]}")
         slider = self._scalar("speed_slider_fraction")
         if inputs.get("speed_slider_mask") and 0.0 <= slider <= 1.0:
             self.values["target_speed_fraction"] = slider

@@ -6,6 +6,7 @@ Paths, bodies, statuses and the words in them: Robot API 3.1 (PolyScope X 10.12)
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from http import HTTPStatus
@@ -77,7 +78,10 @@ class RobotApi:
             return UNKNOWN_PATH
         if request.fields is None:
             return UNREADABLE
-        return self._commands[path](request.fields) if self._is_remote() else NOT_REMOTE
+        if not self._is_remote():
+            return NOT_REMOTE
+        self._machine.told.append(f"{path} {json.dumps(request.fields)}")
+        return self._commands[path](request.fields)
 
     def _make_questions(self) -> dict[str, Callable[[], dict[str, Any]]]:
         machine = self._machine

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import threading
+from collections import deque
 from collections.abc import Callable
 
 from bench.drivers.robot.ur.codec import (
@@ -52,6 +53,8 @@ class RtdeServer:
         self.rate_hz = rate_hz
         self.owners: dict[str, RtdeSession | None] = {}
         """Who writes each input variable that is claimed, None: a fieldbus; the network's thread only."""
+        self.delay_ns = 0
+        """By how much a network that queues makes every package late."""
         self._sessions: tuple[RtdeSession, ...] = ()
         self._lock = threading.Lock()
 
@@ -109,6 +112,7 @@ class RtdeSession:
         self._inputs: dict[int, Recipe] = {}
         self._every = 1
         self._is_started = False
+        self._queued: deque[tuple[int, bytes]] = deque()
         self._answers: dict[int, Callable[[bytes], None]] = {
             PackageType.PROTOCOL_VERSION: self._choose_protocol,
             PackageType.CONTROLLER_VERSION: self._tell_version,
@@ -141,9 +145,11 @@ class RtdeSession:
         if self._is_started and recipe is not None and tick_number % self._every == 0:
             values = self._server.machine.values
             payload = recipe.encode([values[name] for name in recipe.names])
-            self.outbox.send_package(encode_frame(PackageType.DATA, payload), now_ns)
+            self._queued.append((now_ns + self._server.delay_ns, encode_frame(PackageType.DATA, payload)))
         elif not self.outbox.is_empty:
             self.outbox.flush(now_ns)
+        while self._queued and self._queued[0][0] <= now_ns:
+            self.outbox.send_package(self._queued.popleft()[1], now_ns)
 
     def _reply(self, kind: PackageType, payload: bytes) -> None:
         self.outbox.send(encode_frame(kind, payload))

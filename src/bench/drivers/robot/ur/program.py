@@ -78,7 +78,7 @@ class UrDashboardProgram:
 
     def _connect(self) -> None:
         self._disconnect()
-        client = _make_client(self._host)
+        client = _make_client(self._host, self._clock)
         try:
             client.connect(CONNECT_TIMEOUT_MS)
         except Exception as error:
@@ -237,11 +237,11 @@ class UrDashboardProgram:
         )
 
 
-def _make_client(host: str) -> Any:
+def _make_client(host: str, clock: Clock) -> Any:
     try:
         from dashboard_client import DashboardClient
     except ImportError:
-        return LineDashboard(host)
+        return LineDashboard(host, clock)
     return DashboardClient(host)
 
 
