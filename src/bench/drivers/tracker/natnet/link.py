@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.receive import StampedSocket
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
 from bench.errors import ConnectError
@@ -21,8 +22,9 @@ LONGEST_WAIT_S = 0.05
 class CommandLink:
     """One UDP socket: in unicast, answers and frames come to the port the questions went out from."""
 
-    def __init__(self, config: TrackerConfig, clock: Clock) -> None:
+    def __init__(self, config: TrackerConfig, clock: Clock, flight: FlightRecorder) -> None:
         self._config = config
+        self._flight = flight
         self._clock = clock
         self._socket: socket.socket | None = None
         self._stamps: StampedSocket | None = None
@@ -67,6 +69,7 @@ class CommandLink:
         """Send one packet; False if the network refuses it, which the silence that follows will show."""
         if self._socket is None:
             return False
+        self._flight.note_sent(packet)
         try:
             self._socket.sendto(packet, self._peer)
         except OSError:
@@ -81,7 +84,10 @@ class CommandLink:
             packet, sender, arrival_ns = self._stamps.receive()
         except OSError:
             return None
-        return (packet, arrival_ns) if sender[0] == self._peer[0] else None
+        if sender[0] != self._peer[0]:
+            return None
+        self._flight.note_received(packet, arrival_ns)
+        return packet, arrival_ns
 
     def remark(self) -> str:
         """Return a sentence if the kernel left out many stamps; else empty."""
