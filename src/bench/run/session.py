@@ -117,7 +117,7 @@ def check(config: Config, view: RunView, speed: float = 1.0) -> list[Item]:
     with Closing() as closing:
         states.enter(RunState.CONNECTING)
         _start_simulator(config, clock, None, closing, view)
-        links = BenchLinks(config, clock, inbox, _discard, packets=Path(config.run.output_dir) / "check")
+        links = BenchLinks(config, clock, inbox, _discard, packets=_default_path(config, clock).with_suffix(""))
         links.open(closing)
         states.enter(RunState.CHECKING)
         items = _check(config, links, clock, Path(config.run.output_dir), None)
