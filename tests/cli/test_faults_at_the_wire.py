@@ -104,9 +104,22 @@ def test_the_robot_is_told_nothing_but_to_play_once_and_one_cycle_after_the_othe
     assert [line for line in commands if line != "unlock protective stop"] == ["load bend_test.urp", "play"]
     grants = [int(line.removeprefix("grant ")) for line in night.told if line.startswith("grant ")]
     assert grants[:2] == [0, 0]  # when it was connected, and before the program played
-    assert grants == sorted(grants)
-    assert set(grants) == set(range(max(grants) + 1))
-    assert max(grants) <= N_CYCLES
+    given = [grant for grant in grants if grant]  # 0 takes it back, once the cycle has begun
+    assert given == sorted(given)
+    assert set(given) == set(range(1, max(given) + 1))
+    assert max(given) <= N_CYCLES
+
+
+def test_the_last_packets_of_each_lost_link_are_beside_the_run_file_and_named(night: Night) -> None:
+    files = sorted(night.run.path.parent.glob("a.*-packets-*.txt"))
+    devices = [path.name.split("-")[0] for path in files]
+    assert devices.count("a.robot") >= 3
+    assert devices.count("a.tracker") >= 1
+    said = "\n".join(str(text) for text in night.run["/log"].text)
+    for path in files:
+        assert f"packets of the link are in {path}." in said
+        assert " < " in path.read_text(encoding="utf-8")
+    assert f"packets of the link are in {files[0]}." in night.out
 
 
 def marked_cycles(run: Run) -> list[int]:

@@ -9,6 +9,7 @@ from markdown_pages import ROOT
 
 import bench
 from bench.run.conditions import ConditionKind
+from bench.run.robot_words import UR_WORDS
 
 PAGE = (ROOT / "docs" / "reference" / "what-happens-when.md").read_text(encoding="utf-8")
 PRODUCT = "\n".join(
@@ -16,8 +17,10 @@ PRODUCT = "\n".join(
     for path in sorted(ROOT.joinpath("src", bench.__name__).rglob("*.py"))
     if "simulation" not in path.parts
 )
-JOINED = re.sub(r'"\s*\n\s*f?"', "", PRODUCT)
+IN_ONE_PIECE = re.sub(r'"\s*\n\s*f?"', "", PRODUCT)
 """The same with each sentence that is written over several lines in one piece."""
+JOINED = IN_ONE_PIECE.replace("{panel}", UR_WORDS.panel).replace("{slider}", UR_WORDS.slider)
+"""And in the words of a UR."""
 
 
 QUOTED = {words for row in PAGE.splitlines() if row.startswith("|") for words in re.findall(r'"([^"]+)"', row)}

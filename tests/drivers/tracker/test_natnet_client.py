@@ -8,14 +8,19 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 
 import pytest
 from natnet_recording import stored
 from natnet_scripted import ScriptedTracker, make_packet, scripted_tracker
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
+from bench.drivers.receive import KERNEL, KERNEL_STAMPS, PROGRAM, StampedSocket
 from bench.drivers.tracker import make_tracker
 from bench.drivers.tracker.natnet import client as client_module
+from bench.drivers.tracker.natnet import link as link_module
 from bench.drivers.tracker.natnet.client import NatNetTracker
 from bench.drivers.tracker.natnet.messages import ServerInfo, encode_number_response
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
@@ -59,21 +64,28 @@ class Recorder:
 
 
 def make_client(
-    tracker: ScriptedTracker, recorder: Recorder, *, local_address: str = "", speed: float = 1.0
+    tracker: ScriptedTracker,
+    recorder: Recorder,
+    *,
+    local_address: str = "",
+    speed: float = 1.0,
+    stem: Path | None = None,
 ) -> NatNetTracker:
+    clock = RunClock.start(speed)
     config = TrackerConfig(host=tracker.host, command_port=tracker.port, local_address=local_address)
     missed = recorder.missed
     return NatNetTracker(
         config,
-        RunClock.start(speed),
+        clock,
         on_missed=lambda topic, n: missed.append((topic, n)),
         on_lost=recorder.losses.put,
+        flight=FlightRecorder("tracker", clock, stem),
     )
 
 
 @contextmanager
-def connected(tracker: ScriptedTracker, recorder: Recorder) -> Iterator[DeviceInfo]:
-    client = make_client(tracker, recorder)
+def connected(tracker: ScriptedTracker, recorder: Recorder, stem: Path | None = None) -> Iterator[DeviceInfo]:
+    client = make_client(tracker, recorder, stem=stem)
     info = client.open(recorder.records.put)
     try:
         yield info
@@ -107,6 +119,17 @@ def test_the_client_learns_what_the_tracker_is(tracker: ScriptedTracker, recorde
         assert info.detail["clock_hz"] == "1000000"
         assert info.detail["bitstream"] == "4.1"
         assert info.detail["up_axis"] == "y"
+        assert info.detail["stamped_by"] == (KERNEL if KERNEL_STAMPS else PROGRAM)
+
+
+def test_the_client_stamps_by_itself_where_the_kernel_does_not(
+    tracker: ScriptedTracker, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_module, "StampedSocket", partial(StampedSocket, option=None))
+    with connected(tracker, recorder) as info:
+        assert info.detail["stamped_by"] == PROGRAM
+        tracker.send(make_packet(1))
+        assert recorder.wait_for_frame(1).arrival_ns > 0
 
 
 def test_frames_arrive_with_points_ids_and_bodies(tracker: ScriptedTracker, recorder: Recorder) -> None:
@@ -126,6 +149,35 @@ def test_gaps_and_garbage_are_counted_and_frames_go_on(tracker: ScriptedTracker,
         recorder.wait_for_log("cannot be read")
     assert recorder.missed == [("/tracker/points", 4)]
     assert recorder.losses.empty()
+
+
+def test_a_packet_that_cannot_be_read_is_kept_in_a_file_that_the_log_names(
+    tracker: ScriptedTracker, recorder: Recorder, tmp_path: Path
+) -> None:
+    damaged = make_packet(100)[:-9]
+    with connected(tracker, recorder, tmp_path / "run-1"):
+        tracker.send(damaged)
+        told = recorder.wait_for_log("cannot be read")
+        tracker.send(damaged)
+        tracker.send(make_packet(101))
+        recorder.wait_for_frame(101)
+    path = tmp_path / "run-1.tracker-packets-1.txt"
+    assert list(tmp_path.iterdir()) == [path]
+    assert told.text.endswith(f"packets of the link are in {path}.")
+    assert path.read_text(encoding="utf-8").splitlines()[-1].endswith(f" < {damaged.hex()}")
+
+
+def test_a_tracker_that_falls_silent_leaves_its_last_packets(
+    tracker: ScriptedTracker, recorder: Recorder, tmp_path: Path
+) -> None:
+    with connected(tracker, recorder, tmp_path / "run-1"):
+        tracker.send(make_packet(100))
+        recorder.wait_for_frame(100)
+        tracker.send(encode_packet(Message.DISCONNECT))
+        error = recorder.losses.get(timeout=PATIENCE_S)
+    (path,) = tmp_path.iterdir()
+    assert f"packets of the link are in {path}." in str(error)
+    assert f" < {make_packet(100).hex()}\n" in path.read_text(encoding="utf-8")
 
 
 def test_packets_of_strangers_are_ignored(tracker: ScriptedTracker, recorder: Recorder) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from bench.config import AnyRobotConfig, RobotConfig
 from bench.drivers.base import ProgramControl, SignalWatch, StateStream
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot.modbus import ModbusProgram, ModbusSignalWatch, ModbusStateStream
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.drivers.robot.ur.robot_api import RobotApiProgram
@@ -29,6 +31,7 @@ def make_state_stream(
     on_restored: Callable[[], None] | None = None,
     reconnect_s: float = 0.0,
     moves_slider: bool = False,
+    flight: FlightRecorder | None = None,
 ) -> StateStream:
     """Return the state stream of the configured robot, not yet open.
 
@@ -48,20 +51,14 @@ def make_state_stream(
         How long to try to reconnect after each loss, machine time; 0: a loss is final.
     moves_slider : bool
         Whether the stream of a robot with a speed slider is to be a `SpeedControl` that works: it claims the slider.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the link ends badly.
     """
+    keys: dict[str, Any] = {"on_missed": on_missed, "on_lost": on_lost, "on_restored": on_restored}
+    keys |= {"reconnect_s": reconnect_s, "flight": flight}
     if config.kind == "ur":
-        return UrStateStream(
-            config,
-            clock,
-            on_missed=on_missed,
-            on_lost=on_lost,
-            on_restored=on_restored,
-            reconnect_s=reconnect_s,
-            moves_slider=moves_slider,
-        )
-    return ModbusStateStream(
-        config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
-    )
+        return UrStateStream(config, clock, moves_slider=moves_slider, **keys)
+    return ModbusStateStream(config, clock, **keys)
 
 
 def make_program_control(config: AnyRobotConfig, clock: Clock, *, controller_version: str = "") -> ProgramControl:

@@ -58,9 +58,11 @@ class ModbusLink:
     ----------
     config : ModbusRobotConfig
         Address, unit, functions, and limits in the machine's own seconds.
+    trace : callable, optional
+        Given (is_sent, bytes) of each packet, which it returns.
     """
 
-    def __init__(self, config: ModbusRobotConfig) -> None:
+    def __init__(self, config: ModbusRobotConfig, trace: Callable[[bool, bytes], bytes] | None = None) -> None:
         self.peer = f"Modbus controller {config.host}:{config.port}"
         self._unit_id = config.unit_id
         self._timeout_s = config.timeout_s
@@ -68,7 +70,7 @@ class ModbusLink:
         self._writes_one = config.map.write_with == "single"
         self._lock = threading.Lock()
         self._client: Any = ModbusTcpClient(
-            config.host, port=config.port, timeout=config.timeout_s, retries=config.retries
+            config.host, port=config.port, timeout=config.timeout_s, retries=config.retries, trace_packet=trace
         )
 
     def connect(self) -> None:

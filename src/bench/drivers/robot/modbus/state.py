@@ -8,11 +8,12 @@ from collections.abc import Callable
 
 from bench.config import ModbusRobotConfig
 from bench.drivers.base import RecordSink
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot.modbus.heartbeat import Beater, BeatWatch
 from bench.drivers.robot.modbus.link import ModbusLink
 from bench.drivers.robot.modbus.samples import SampleMaker, read_signals
 from bench.drivers.robot.modbus.signals import SignalReader, write_signal
-from bench.errors import DeviceError, DeviceStateError, LinkLostError
+from bench.errors import DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError, ProtocolError
 from bench.model import DeviceInfo, LogEntry, Severity
 from bench.timing import Clock, patience_ns
 
@@ -49,6 +50,8 @@ class ModbusStateStream:
         Called once for each loss that is over, from the polling thread.
     reconnect_s : float
         How long to go on polling after a loss; 0: a loss is final.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the link ends badly.
     """
 
     def __init__(
@@ -60,6 +63,7 @@ class ModbusStateStream:
         on_lost: Callable[[LinkLostError], None] | None = None,
         on_restored: Callable[[], None] | None = None,
         reconnect_s: float = 0.0,
+        flight: FlightRecorder | None = None,
     ) -> None:
         self._config = config
         self._clock = clock
@@ -67,7 +71,8 @@ class ModbusStateStream:
         self._on_lost = on_lost
         self._on_restored = on_restored
         self._reconnect_s = reconnect_s
-        self._link = ModbusLink(config)
+        self._flight = flight or FlightRecorder("robot", clock)
+        self._link = ModbusLink(config, self._flight.trace)
         self._reader = SignalReader(config.map, read_signals(config.map))
         out, back = config.map.heartbeat_out, config.map.heartbeat_in
         self._beater = Beater(out, config.map, clock) if out and not config.observe_only else None
@@ -97,8 +102,10 @@ class ModbusStateStream:
             self._maker.make(self._reader.read(self._link, self._clock), 0)
             if not self._config.observe_only:
                 self._write_grant(self._maker, 0)
-        except BaseException:
+        except BaseException as error:
             self._link.close()
+            if isinstance(error, ProtocolError | DeviceTimeoutError | LinkLostError):
+                self._flight.keep(error)
             raise
         self._good_ns, self._good_number = self._clock.now_ns(), -1
         arguments = (self._maker, origin_ns)
@@ -243,7 +250,7 @@ class ModbusStateStream:
     def _report_lost(self, error: LinkLostError) -> None:
         if self._closing.is_set():
             return
-        self._log(Severity.ERROR, str(error))
+        self._log(Severity.ERROR, str(self._flight.keep(error)))
         if self._on_lost is not None:
             self._on_lost(error)
 

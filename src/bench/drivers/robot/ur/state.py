@@ -12,6 +12,7 @@ from collections.abc import Callable
 
 from bench.config import RobotConfig
 from bench.drivers.base import RecordSink
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot.ur.codec import PackageType
 from bench.drivers.robot.ur.grant import Grant
 from bench.drivers.robot.ur.handshake import Session, start_session
@@ -55,6 +56,8 @@ class UrStateStream:
         A link that delivers nothing for so long is lost.
     moves_slider : bool
         Whether to claim the inputs of the speed slider, which one client alone can have.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the link ends badly.
     """
 
     def __init__(
@@ -69,6 +72,7 @@ class UrStateStream:
         connect_timeout_s: float = 3.0,
         silence_s: float = SILENCE_S,
         moves_slider: bool = False,
+        flight: FlightRecorder | None = None,
     ) -> None:
         self._config = config
         self._clock = clock
@@ -79,6 +83,7 @@ class UrStateStream:
         self._connect_timeout_s = connect_timeout_s
         self._silence_s = silence_s
         self._moves_slider = moves_slider
+        self._flight = flight or FlightRecorder("robot", clock)
         self._lock = threading.Lock()
         self._link: RtdeLink | None = None
         self._session: Session | None = None
@@ -96,6 +101,15 @@ class UrStateStream:
         if self._thread is not None:
             raise LinkLostError(f"The state stream of controller {self._config.host} is open already.")
         self._closing.clear()
+        try:
+            link, session, reader = self._start(sink)
+        except ProtocolError as error:
+            raise self._flight.keep(error) from error.__cause__
+        self._thread = threading.Thread(target=self._run, args=(link, reader), name="ur-state", daemon=True)
+        self._thread.start()
+        return self._describe(session, link)
+
+    def _start(self, sink: RecordSink) -> tuple[RtdeLink, Session, SampleReader]:
         link, session = self._connect(self._connect_timeout_s)
         try:
             reader = SampleReader(session, self._config.cycle, self._clock, sink, self._on_missed, peer=link.peer)
@@ -104,18 +118,20 @@ class UrStateStream:
         except BaseException:
             self._drop(link)
             raise
-        self._thread = threading.Thread(target=self._run, args=(link, reader), name="ur-state", daemon=True)
-        self._thread.start()
-        return self._describe(session)
+        return link, session, reader
 
-    def _describe(self, session: Session) -> DeviceInfo:
+    def _describe(self, session: Session, link: RtdeLink) -> DeviceInfo:
         return DeviceInfo(
             device="robot",
             kind="ur",
             address=f"{self._config.host}:{self._config.rtde_port}",
             version=".".join(str(part) for part in session.version),
             rate_hz=session.rate_hz,
-            detail={"recipe": ",".join(session.outputs.names), "left_out": ",".join(session.left_out)},
+            detail={
+                "recipe": ",".join(session.outputs.names),
+                "left_out": ",".join(session.left_out),
+                "stamped_by": link.stamps.stamped_by,
+            },
         )
 
     def grant_cycles(self, total: int) -> None:
@@ -181,7 +197,7 @@ class UrStateStream:
             self._drop(link)
 
     def _connect(self, timeout_s: float) -> tuple[RtdeLink, Session]:
-        link = RtdeLink(self._config.host, self._config.rtde_port, self._clock, timeout_s)
+        link = RtdeLink(self._config.host, self._config.rtde_port, self._clock, timeout_s, self._flight)
         with self._lock:
             self._link = link
             if self._closing.is_set():
@@ -209,7 +225,7 @@ class UrStateStream:
             while current is not None:
                 error = self._follow(current, reader)
                 self._drop(current)
-                reader.finish()
+                reader.finish(current.stamps.remark())
                 if error is None or self._closing.is_set():
                     return
                 self._report_lost(error, reader)
@@ -262,7 +278,7 @@ class UrStateStream:
     def _report_lost(self, error: LinkLostError, reader: SampleReader) -> None:
         if self._closing.is_set():
             return
-        reader.say(Severity.ERROR, str(error))
+        reader.say(Severity.ERROR, str(self._flight.keep(error)))
         if self._on_lost is not None:
             self._on_lost(error)
 

@@ -9,6 +9,7 @@ from struct import Struct
 
 from bench.config import TrackerConfig
 from bench.drivers.base import RecordSink
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.tracker.natnet.bitstream import CHOOSING_SINCE, WANTED_VERSION, Bitstream
 from bench.drivers.tracker.natnet.frame import OLDEST_VERSION
 from bench.drivers.tracker.natnet.link import CommandLink
@@ -57,6 +58,8 @@ class NatNetTracker:
         did not come; with -1 when one of them comes late after all.
     on_lost : callable, optional
         Called once, from the reader thread, when no frame has come for 1 s.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the tracker falls silent or is not understood.
     """
 
     def __init__(
@@ -66,9 +69,11 @@ class NatNetTracker:
         *,
         on_missed: Callable[[str, int], None] | None = None,
         on_lost: Callable[[BenchError], None] | None = None,
+        flight: FlightRecorder | None = None,
     ) -> None:
         self._clock = clock
-        self._link = CommandLink(config, clock)
+        self._flight = flight or FlightRecorder("tracker", clock)
+        self._link = CommandLink(config, clock, self._flight)
         self._on_missed = on_missed or (lambda _topic, _n: None)
         self._on_lost = on_lost or (lambda _error: None)
         self._lost_told = False
@@ -96,13 +101,17 @@ class NatNetTracker:
             server = self._connect()
             bitstream = Bitstream(server.natnet_version)
             info = self._describe(server, bitstream, sink)
-        except BaseException:
+        except BaseException as error:
             self._link.close()
+            if isinstance(error, ProtocolError):
+                self._flight.keep(error)
             raise
         self._stopping.clear()
         self._lost_told = self._silent = False
         self._sink = sink
-        self._stream = FrameStream(self._link, self._clock, sink, bitstream, server.clock_hz, self._on_missed)
+        self._stream = FrameStream(
+            self._link, self._clock, sink, bitstream, server.clock_hz, self._on_missed, keep_packets=self._flight.write
+        )
         self._thread = threading.Thread(target=self._run, name="natnet-reader", daemon=True)
         self._thread.start()
         return info
@@ -156,6 +165,7 @@ class NatNetTracker:
                 "clock_hz": str(server.clock_hz),
                 "local_address": self._link.local_address,
                 "receive_buffer_bytes": str(self._link.receive_buffer_bytes),
+                "stamped_by": self._link.stamped_by,
                 "up_axis": UP_AXES.get(-1 if up_axis is None else int(up_axis), "unknown"),
                 "version_chosen_by": "client" if server.natnet_version >= CHOOSING_SINCE else "server",
             },
@@ -203,6 +213,8 @@ class NatNetTracker:
             stream.keep_up(now_ns)
             self._watch_silence(stream, now_ns, is_idle=received is None)
         stream.finish()
+        if remark := self._link.remark():
+            self._sink(LogEntry(self._clock.now_ns(), Severity.INFO, "tracker", remark))
 
     def _keep_alive(self, now_ns: int) -> None:
         if now_ns >= self._next_keepalive_ns:
@@ -228,6 +240,7 @@ class NatNetTracker:
         return text + (", though it answers." if stream.answers_since_frame > 0 else ", nor any answer.")
 
     def _lose(self, text: str) -> None:
+        text = f"{text} {self._flight.write(text)}".rstrip()
         self._sink(LogEntry(self._clock.now_ns(), Severity.ERROR, "tracker", text))
         if not self._lost_told:
             self._lost_told = True

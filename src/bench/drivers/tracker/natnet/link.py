@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
+from bench.drivers.receive import StampedSocket
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
 from bench.errors import ConnectError
 from bench.timing import Clock, patience_ns
@@ -20,14 +22,18 @@ LONGEST_WAIT_S = 0.05
 class CommandLink:
     """One UDP socket: in unicast, answers and frames come to the port the questions went out from."""
 
-    def __init__(self, config: TrackerConfig, clock: Clock) -> None:
+    def __init__(self, config: TrackerConfig, clock: Clock, flight: FlightRecorder) -> None:
         self._config = config
+        self._flight = flight
         self._clock = clock
         self._socket: socket.socket | None = None
+        self._stamps: StampedSocket | None = None
         self._peer = ("", 0)
         self.local_address = ""
         self.receive_buffer_bytes = 0
         """What the system grants of `RECEIVE_BUFFER_BYTES`; Linux: at most twice net.core.rmem_max."""
+        self.stamped_by = ""
+        """Who stamps the arrivals; see `bench.drivers.receive`."""
 
     @property
     def name(self) -> str:
@@ -51,16 +57,19 @@ class CommandLink:
             ) from error
         self.receive_buffer_bytes = link.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._socket = link
+        self._stamps = StampedSocket(link, self._clock, LARGEST_PACKET)
+        self.stamped_by = self._stamps.stamped_by
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
-            self._socket = None
+            self._socket = self._stamps = None
 
     def send(self, packet: bytes) -> bool:
         """Send one packet; False if the network refuses it, which the silence that follows will show."""
         if self._socket is None:
             return False
+        self._flight.note_sent(packet)
         try:
             self._socket.sendto(packet, self._peer)
         except OSError:
@@ -69,14 +78,20 @@ class CommandLink:
 
     def receive(self) -> tuple[bytes, int] | None:
         """Return the next packet of the tracker with its arrival in host time, or None if none came for a while."""
-        if self._socket is None:
+        if self._stamps is None:
             return None
         try:
-            packet, sender = self._socket.recvfrom(LARGEST_PACKET)
+            packet, sender, arrival_ns = self._stamps.receive()
         except OSError:
             return None
-        arrival_ns = self._clock.now_ns()
-        return (packet, arrival_ns) if sender[0] == self._peer[0] else None
+        if sender[0] != self._peer[0]:
+            return None
+        self._flight.note_received(packet, arrival_ns)
+        return packet, arrival_ns
+
+    def remark(self) -> str:
+        """Return a sentence if the kernel left out many stamps; else empty."""
+        return self._stamps.remark() if self._stamps else ""
 
     def ask(
         self, question: bytes, answers: tuple[Message, ...], *, tries: int, wait_s: float

@@ -47,6 +47,8 @@ class FrameStream:
         bitstream: Bitstream,
         clock_hz: int,
         on_missed: Callable[[str, int], None],
+        *,
+        keep_packets: Callable[[str], str] = lambda _reason: "",
     ) -> None:
         self._link = link
         self._clock = clock
@@ -54,6 +56,7 @@ class FrameStream:
         self._bitstream = bitstream
         self._clock_hz = clock_hz
         self._on_missed = on_missed
+        self._keep_packets = keep_packets
         self._counter = FrameCounter()
         self._echo = EchoFilter()
         self._asked: dict[int, None] = {}
@@ -88,7 +91,8 @@ class FrameStream:
             else:
                 self._take_other(message, payload, arrival_ns)
         except ProtocolError as error:
-            self._broken.add(f"{error} It begins with {packet[:16].hex()}.")
+            where = self._keep_packets(str(error)) if self._broken.total == 0 else ""
+            self._broken.add(f"{error} It begins with {packet[:16].hex()}. {where}".rstrip())
 
     def keep_up(self, now_ns: int) -> None:
         """Ask the clock when its turn has come, and tell what waits to be told."""
