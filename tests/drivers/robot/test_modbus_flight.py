@@ -23,7 +23,8 @@ def test_a_lost_controller_leaves_the_last_questions_and_answers(tmp_path: Path)
     with rig() as bench:
         flight = FlightRecorder("robot", bench.clock, tmp_path / "run-1")
         states: list[object] = []
-        stream = ModbusStateStream(bench.config, bench.clock, on_lost=lost.append, silence_s=0.2, flight=flight)
+        config = bench.config.model_copy(update={"silence_s": 0.2})
+        stream = ModbusStateStream(config, bench.clock, on_lost=lost.append, flight=flight)
         stream.open(states.append)
         wait_until(lambda: len(states) > 3, "a few states")
         bench.controller.close()
