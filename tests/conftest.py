@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import threading
 import time
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import psutil
@@ -17,6 +19,10 @@ settings.register_profile("repeatable", derandomize=True)
 settings.register_profile("search", derandomize=False)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
+LOOPBACK = re.compile(r"\b127\.(?!0\.0\.)\d+\.\d+\.\d+\b")
+"""Addresses of tests. Those of packaged configurations, 127.0.0.N, are replaced by them, or served in docs alone."""
+HELPERS = {path.stem: path for path in Path(__file__).parent.rglob("*.py") if not path.stem.startswith("test_")}
+IMPORTED = re.compile(r"^(?:from|import) (\w+)", re.MULTILINE)
 LEAK_PATIENCE_S = 5.0
 """A thread that was told to end may need a moment on a busy machine; one that was not never ends."""
 
@@ -27,6 +33,34 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     lab.addoption("--robot", metavar="HOST", help="address of a real robot controller")
     lab.addoption("--program", metavar="NAME", help="its program, with the bench's snippet")
     lab.addoption("--tracker", metavar="HOST", help="address of a real tracker")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let test files that serve the same loopback addresses run one after the other: ``-n 2 --dist loadgroup``."""
+    groups: dict[str, str] = {}
+    for path in dict.fromkeys(item.path for item in items):
+        local = path.with_name("conftest.py")  # what it makes once for a session is not to be made twice
+        places = {str(path), str(local), *_addresses(path)} if local.exists() else {str(path), *_addresses(path)}
+        joined = {groups[place] for place in places if place in groups}
+        name = min(joined, default=path.stem)
+        groups |= {place: name for place, group in groups.items() if group in joined} | dict.fromkeys(places, name)
+    for item in items:
+        item.add_marker(pytest.mark.xdist_group(groups[str(item.path)]))
+
+
+@cache
+def _addresses(test_file: Path) -> set[str]:
+    """Return the loopback addresses a test file names, or its conftest, or a helper they import from the tests."""
+    found: set[str] = set()
+    known, waiting = {test_file}, [test_file, test_file.with_name("conftest.py")]
+    while waiting:
+        path = waiting.pop()
+        text = path.read_text(encoding="utf-8") if path.exists() else ""
+        found.update(LOOPBACK.findall(text))
+        helpers = {HELPERS[name] for name in IMPORTED.findall(text) if name in HELPERS} - known
+        known |= helpers
+        waiting.extend(helpers)
+    return found
 
 
 @pytest.fixture(autouse=True)

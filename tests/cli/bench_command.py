@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -10,6 +11,8 @@ from pathlib import Path
 from bench.config import simulated_config_text
 
 _hosts = itertools.count(1)
+_WORKER = 1 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+"""Test processes that run side by side have addresses of their own."""
 
 
 def bench(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
@@ -26,7 +29,11 @@ def simulated_text(*changes: tuple[str, str]) -> str:
     """Return the simulated bench's configuration on addresses of its own, with replacements made."""
     number = next(_hosts)
     text = simulated_config_text()
-    for old, new in [("127.0.0.21", f"127.0.41.{number}"), ("127.0.0.22", f"127.0.42.{number}"), *changes]:
+    for old, new in [
+        ("127.0.0.21", f"127.{_WORKER}.41.{number}"),
+        ("127.0.0.22", f"127.{_WORKER}.42.{number}"),
+        *changes,
+    ]:
         assert old in text, f"{old!r} is not in the simulated configuration"
         text = text.replace(old, new)
     return text
