@@ -36,9 +36,9 @@ from bench.config.models import (
     RobotConfig,
     RunConfig,
     SimulationConfig,
-    TrackerConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.tracker import TrackerConfig
 
 __all__ = [
     "Acknowledge",
