@@ -13,7 +13,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
 from bench.config.section import Section
-from bench.config.tracker import TrackerConfig
+from bench.config.tracker import AnyTrackerConfig
 
 __all__ = [
     "AnalysisConfig",
@@ -285,7 +285,7 @@ class Config(Section):
 
     run: RunConfig = Field(default_factory=RunConfig)
     robot: AnyRobotConfig | None = None
-    tracker: TrackerConfig | None = None
+    tracker: AnyTrackerConfig | None = None
     cable: CableConfig
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
     policy: PolicyConfig = Field(default_factory=PolicyConfig)

@@ -6,9 +6,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from bench.simulation.natnet import NatNetServer
+from bench.simulation.network import ServerThread
+from bench.simulation.outbox import Outbox
+from bench.simulation.qualisys import QualisysServer
 from bench.simulation.ur import UrController
-from bench.simulation.ur.network import ServerThread
-from bench.simulation.ur.outbox import Outbox
 from bench.timing import Clock, patience_ns
 
 __all__ = ["AdminServer"]
@@ -35,13 +36,15 @@ class AdminServer:
     ----------
     host, port : str, int
         Where to listen: the robot's address, and a port that is none of the robot's.
-    robot, tracker : UrController or other, NatNetServer
+    robot, tracker : UrController or other, any tracker
         What obeys; a robot that is no UR controller has no commands.
     clock : Clock
         For the limits.
     """
 
-    def __init__(self, host: str, port: int, robot: object, tracker: NatNetServer, clock: Clock) -> None:
+    def __init__(
+        self, host: str, port: int, robot: object, tracker: NatNetServer | QualisysServer, clock: Clock
+    ) -> None:
         self._address = (host, port)
         self._clock = clock
         robot_commands = _robot_commands(robot) if isinstance(robot, UrController) else {}
@@ -161,7 +164,7 @@ def _machine_commands(robot: UrController) -> dict[str, _Command]:
     }
 
 
-def _tracker_commands(tracker: NatNetServer) -> dict[str, _Command]:
+def _tracker_commands(tracker: NatNetServer | QualisysServer) -> dict[str, _Command]:
     return {
         "tracker_stall": _Command(
             "SECONDS",

@@ -23,9 +23,9 @@ from bench.drivers.robot.ur.codec import (
     encode_text,
 )
 from bench.drivers.robot.ur.recipe import Recipe
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
 
 RATE_HZ = 500.0

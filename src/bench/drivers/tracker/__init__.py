@@ -4,17 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.config import TrackerConfig
+from bench.config import AnyTrackerConfig
 from bench.drivers.base import TrackerStream
 from bench.drivers.tracker.natnet import NatNetTracker
-from bench.errors import BenchError
+from bench.errors import BenchError, ConfigError
 from bench.timing import Clock
 
 __all__ = ["make_tracker"]
 
 
 def make_tracker(
-    config: TrackerConfig,
+    config: AnyTrackerConfig,
     clock: Clock,
     *,
     on_missed: Callable[[str, int], None] | None = None,
@@ -28,5 +28,19 @@ def make_tracker(
         Told ``(topic, n)`` when `n` more frames did not come, -1 when one of them came late.
     on_lost : callable, optional
         Told once when the tracker falls silent.
+
+    Raises
+    ------
+    ConfigError
+        The tracker's maker has a library of its own, which is not installed.
     """
-    return NatNetTracker(config, clock, on_missed=on_missed, on_lost=on_lost)
+    if config.kind == "natnet":
+        return NatNetTracker(config, clock, on_missed=on_missed, on_lost=on_lost)
+    try:
+        from bench.drivers.tracker.qualisys import QualisysTracker
+    except ImportError as error:
+        raise ConfigError(
+            f"[tracker] kind = 'qualisys' needs the library qtm-rt: {error}.",
+            hint="Install it with: pip install 'cable-bench[qualisys]'",
+        ) from error
+    return QualisysTracker(config, clock, on_missed=on_missed, on_lost=on_lost)
