@@ -13,6 +13,7 @@ from rigs import (
     modbus_robot,
     real_robot,
     real_tracker,
+    simulated_qtm,
     simulated_robot,
     simulated_tracker,
 )
@@ -46,11 +47,11 @@ def rig(request: pytest.FixtureRequest) -> Iterator[RobotRig]:
             robot.close()
 
 
-@pytest.fixture(params=["simulated", REAL])
+@pytest.fixture(params=["natnet", "qualisys", REAL])
 def tracker(request: pytest.FixtureRequest) -> Iterator[TrackerRig]:
     """Return a tracker that streams, not yet connected."""
-    made = simulated_tracker() if request.param == "simulated" else real_tracker(_address(request, "--tracker"))
-    with made as rig:
+    simulated = {"natnet": simulated_tracker, "qualisys": simulated_qtm}.get(request.param)
+    with simulated() if simulated else real_tracker(_address(request, "--tracker")) as rig:
         try:
             yield rig
         finally:

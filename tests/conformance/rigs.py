@@ -9,7 +9,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from bench.config import AnyRobotConfig, RobotConfig, TrackerConfig
+from bench.config import AnyRobotConfig, AnyTrackerConfig, QualisysConfig, RobotConfig, TrackerConfig
 from bench.drivers.robot import make_program_control, make_state_stream
 from bench.drivers.tracker import make_tracker
 from bench.errors import BenchError
@@ -20,16 +20,17 @@ from bench.simulation.scheduler import Scheduler
 from bench.simulation.ur import KINDS, UrController
 from bench.timing import ManualClock, RunClock
 
-for room in ("run", "simulation/natnet", "drivers/robot"):
+for room in ("run", "simulation/natnet", "simulation/qualisys", "drivers/robot"):
     sys.path.insert(0, str(Path(__file__).parents[1] / room))
 
 from fake_robot import FakeRobot  # noqa: E402 - found by the path above
 from modbus_bench import controller_of, make_config  # noqa: E402
 from natnet_bench import running_tracker  # noqa: E402
+from qualisys_bench import running_qtm  # noqa: E402
 
 PROGRAM = "bend_test.urp"
 ROBOT_HOSTS = {"e-series": "127.0.63.11", "cb3": "127.0.63.12", "polyscope-x": "127.0.63.13"}
-TRACKER_HOST = "127.0.63.21"
+TRACKER_HOST, QTM_HOST = "127.0.63.21", "127.0.63.22"
 PATIENCE_S = 60.0
 """Machine time; a real robot's cycle must fit into it."""
 SPEED = 4.0
@@ -187,7 +188,7 @@ def real_robot(host: str, program: str) -> Iterator[RobotRig]:
 class TrackerRig:
     """A tracker in its role."""
 
-    def __init__(self, config: TrackerConfig, clock: RunClock) -> None:
+    def __init__(self, config: AnyTrackerConfig, clock: RunClock) -> None:
         self.sink = Collector()
         self.stream = make_tracker(config, clock)
 
@@ -196,6 +197,12 @@ class TrackerRig:
 def simulated_tracker() -> Iterator[TrackerRig]:
     with running_tracker(TRACKER_HOST, SPEED, command_port=1510) as tracker:
         yield TrackerRig(TrackerConfig(host=TRACKER_HOST), tracker.clock)
+
+
+@contextmanager
+def simulated_qtm() -> Iterator[TrackerRig]:
+    with running_qtm(QTM_HOST, SPEED) as qtm:
+        yield TrackerRig(QualisysConfig(host=QTM_HOST), qtm.clock)
 
 
 @contextmanager

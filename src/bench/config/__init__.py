@@ -36,15 +36,16 @@ from bench.config.models import (
     RobotConfig,
     RunConfig,
     SimulationConfig,
-    TrackerConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.tracker import AnyTrackerConfig, QualisysConfig, TrackerConfig
 
 __all__ = [
     "Acknowledge",
     "AnalysisConfig",
     "AnchorConfig",
     "AnyRobotConfig",
+    "AnyTrackerConfig",
     "CableConfig",
     "Command",
     "Commands",
@@ -59,6 +60,7 @@ __all__ = [
     "PointSignal",
     "PolicyConfig",
     "ProgramNumber",
+    "QualisysConfig",
     "RegisterMap",
     "RobotConfig",
     "RunConfig",

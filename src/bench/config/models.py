@@ -13,6 +13,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
 from bench.config.section import Section
+from bench.config.tracker import AnyTrackerConfig
 
 __all__ = [
     "AnalysisConfig",
@@ -24,7 +25,6 @@ __all__ = [
     "RobotConfig",
     "RunConfig",
     "SimulationConfig",
-    "TrackerConfig",
 ]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
@@ -151,15 +151,6 @@ AnyRobotConfig = Annotated[
     Annotated[RobotConfig, Tag("ur")] | Annotated[ModbusRobotConfig, Tag("modbus")],
     Discriminator(_kind_of, custom_error_type="unknown_kind", custom_error_message="Input should be 'ur' or 'modbus'"),
 ]
-
-
-class TrackerConfig(Section):
-    """The optical tracker."""
-
-    kind: Literal["natnet"] = Field("natnet", description="OptiTrack Motive, NatNet unicast.")
-    host: str = Field(min_length=1, description="Address of the PC that runs Motive.")
-    command_port: int = Field(1510, ge=1, le=65535, description="NatNet command port.")
-    local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
 
 
 class AnchorConfig(Section):
@@ -301,7 +292,7 @@ class Config(Section):
 
     run: RunConfig = Field(default_factory=RunConfig)
     robot: AnyRobotConfig | None = None
-    tracker: TrackerConfig | None = None
+    tracker: AnyTrackerConfig | None = None
     cable: CableConfig
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
     policy: PolicyConfig = Field(default_factory=PolicyConfig)

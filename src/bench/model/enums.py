@@ -18,6 +18,8 @@ class StampKind(IntEnum):
     """Frame index over the take's exact export rate (imported files)."""
     FILE_TIME = 3
     """The time written in an imported file."""
+    TRACKER_TIME = 4
+    """The frame's time by the tracker's own clock; which moment it is, is not told (Qualisys)."""
 
 
 class ClockSource(IntEnum):

@@ -190,12 +190,17 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
+    """Map by the clock's answers, or by the arrivals where the tracker has a clock that nobody can ask."""
     frame, samples = run[FRAME], run[CLOCK]
+    ticks, capture_ns = _ints(frame.device_ticks), _ints(frame.capture_ns)
     asked = np.flatnonzero(samples.source == ClockSource.TRACKER)
     frequency = samples.ticks_per_s[asked]
+    clock_hz = next((float(one.detail.get("clock_hz", 0)) for one in run.devices if one.device == "tracker"), 0.0)
+    if len(asked) == 0 and len(ticks) and clock_hz > 0.0:
+        return align_by_arrival(ticks, _ints(frame.arrival_ns), capture_ns, segment, NS / clock_hz)
     return align_by_echo(
-        _ints(frame.device_ticks),
-        _ints(frame.capture_ns),
+        ticks,
+        capture_ns,
         segment,
         _ints(samples.segment)[asked],
         _ints(samples.send_ns)[asked],

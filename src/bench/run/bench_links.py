@@ -8,7 +8,7 @@ from functools import partial
 from pathlib import Path
 
 from bench.analysis import CycleFollower, make_cycle_source
-from bench.config import AnyRobotConfig, Config, TrackerConfig
+from bench.config import AnyRobotConfig, AnyTrackerConfig, Config
 from bench.drivers.base import ProgramControl, SpeedControl
 from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot import make_program_control, make_state_stream
@@ -29,7 +29,7 @@ from bench.timing import Clock
 __all__ = ["BenchLinks", "require_devices"]
 
 
-def require_devices(config: Config) -> tuple[AnyRobotConfig, TrackerConfig]:
+def require_devices(config: Config) -> tuple[AnyRobotConfig, AnyTrackerConfig]:
     """Return both device tables; `ConfigError` naming those that are missing."""
     if config.robot is None or config.tracker is None:
         missing = [name for name in ("robot", "tracker") if getattr(config, name) is None]

@@ -128,7 +128,12 @@ def with_free_addresses(config: Config) -> Config:
         return config
     for last in range(21, 250, 2):
         hosts = f"127.0.0.{last}", f"127.0.0.{last + 1}"
-        if _is_free(hosts[0], robot.rtde_port, DASHBOARD_PORT) and _is_free(hosts[1], udp=tracker.command_port):
+        tracker_is_free = (
+            _is_free(hosts[1], tracker.port)
+            if tracker.kind == "qualisys"
+            else _is_free(hosts[1], udp=tracker.command_port)
+        )
+        if tracker_is_free and _is_free(hosts[0], robot.rtde_port, DASHBOARD_PORT):
             update = {
                 "robot": robot.model_copy(update={"host": hosts[0]}),
                 "tracker": tracker.model_copy(update={"host": hosts[1]}),

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
+from bench.simulation.network import ServerThread
+from bench.simulation.outbox import Outbox
+from bench.simulation.qualisys import QualisysServer
 from bench.simulation.ur import UrController
-from bench.simulation.ur.network import ServerThread
-from bench.simulation.ur.outbox import Outbox
 from bench.timing import Clock, patience_ns
 
 __all__ = ["AdminServer"]
@@ -41,14 +42,19 @@ class AdminServer:
     ----------
     host, port : str, int
         Where to listen: the robot's address, and a port that is none of the robot's.
-    robot, tracker : UrController or ModbusController, NatNetServer
+    robot, tracker : UrController or ModbusController, NatNetServer or QualisysServer
         What obeys.
     clock : Clock
         For the limits.
     """
 
     def __init__(
-        self, host: str, port: int, robot: UrController | ModbusController, tracker: NatNetServer, clock: Clock
+        self,
+        host: str,
+        port: int,
+        robot: UrController | ModbusController,
+        tracker: NatNetServer | QualisysServer,
+        clock: Clock,
     ) -> None:
         self._address = (host, port)
         self._clock = clock
@@ -222,7 +228,7 @@ def _plc_machine_commands(robot: ModbusController) -> dict[str, _Command]:
     }
 
 
-def _tracker_commands(tracker: NatNetServer) -> dict[str, _Command]:
+def _tracker_commands(tracker: NatNetServer | QualisysServer) -> dict[str, _Command]:
     return {
         "tracker_stall": _Command(
             "SECONDS",

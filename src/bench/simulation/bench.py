@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.config import AnyRobotConfig, Config, RobotConfig, SimulationConfig, TrackerConfig
+from bench.config import AnyRobotConfig, AnyTrackerConfig, Config, RobotConfig, SimulationConfig
 from bench.errors import ConfigError
 from bench.simulation.admin import AdminServer
 from bench.simulation.cable import Cable
@@ -16,6 +16,7 @@ from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
 from bench.simulation.path import JointPath
 from bench.simulation.program import PathProgram
+from bench.simulation.qualisys import QualisysServer
 from bench.simulation.scene import Scene, make_layout
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.truth import TruthWriter
@@ -28,6 +29,7 @@ TRACKER_TICKS_PER_S = 3_312_787
 """QueryPerformanceFrequency of a real Motive PC: not the 10 MHz one might assume."""
 TRACKER_TICKS_AT_START = 987_654_321_012
 """The PC has been on for 3.5 days."""
+QTM_TICKS_PER_S = 1_000_000
 ROBOT_S_AT_START = 61.25
 """A controller answers about a minute after its own clock begins."""
 FREE_REST_S = 0.05
@@ -101,7 +103,9 @@ class SimulatedBench:
         robot_ports = " ".join(f"{name}={port}" for name, port in self.robot.ports.items())
         if self._admin is not None:
             robot_ports += f" admin={self._simulation.admin_port}"
-        tracker_ports = f"command={tracker.command_port} data={DATA_PORT}"
+        tracker_ports = (
+            f"rt={tracker.port}" if tracker.kind == "qualisys" else f"command={tracker.command_port} data={DATA_PORT}"
+        )
         return [
             f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
             f"ready tracker {tracker.kind} {tracker.host} {tracker_ports} rate_hz={self._simulation.tracker_rate_hz:g}",
@@ -165,8 +169,18 @@ class SimulatedBench:
             return None
         return AdminServer(self._robot_config.host, port, self.robot, self.tracker, self._clock)
 
-    def _make_tracker(self, tracker: TrackerConfig, started_ns: int) -> NatNetServer:
+    def _make_tracker(self, tracker: AnyTrackerConfig, started_ns: int) -> NatNetServer | QualisysServer:
         ppm = self._simulation.tracker_clock_ppm
+        if tracker.kind == "qualisys":
+            return QualisysServer(
+                tracker.host,
+                self.scene,
+                self.scheduler,
+                self._clock,
+                tracker_clock=DeviceClock(started_ns, 0, QTM_TICKS_PER_S, ppm),
+                rate_hz=self._simulation.tracker_rate_hz,
+                port=tracker.port,
+            )
         return NatNetServer(
             tracker.host,
             self.scene,

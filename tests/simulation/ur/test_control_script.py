@@ -4,9 +4,9 @@ import socket
 
 import pytest
 
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.script import ControlScript, ScriptSession
 
 LOWER = "def any():\n  global reg_offset_int = # comment\n0\n  x = 1"

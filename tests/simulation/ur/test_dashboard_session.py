@@ -4,10 +4,10 @@ import socket
 
 import pytest
 
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.ur.dashboard import DashboardSession
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.outbox import Outbox
 
 BANNER = "Connected: Universal Robots Dashboard Server"
 FORBIDDEN = (

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 
-from bench.simulation.ur.outbox import Outbox
+from bench.simulation.outbox import Outbox
 
 PATIENCE_NS = 10_000_000_000
 

@@ -8,11 +8,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.drivers.robot.ur.robot_api import ROOT
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.ur.http import HttpSession
 from bench.simulation.ur.kinds import POLYSCOPE_X
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rest import RobotApi
 
 

@@ -25,10 +25,10 @@ from bench.drivers.robot.ur.codec import (
 )
 from bench.drivers.robot.ur.recipe import Recipe
 from bench.drivers.robot.ur.versions import SINCE
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.ur.kinds import E_SERIES
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
 
 RATE_HZ = 500.0

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from bench.config import TrackerConfig
+from bench.config import AnyTrackerConfig
 from bench.drivers.base import TrackerStream
 from bench.drivers.flight import FlightRecorder
 from bench.drivers.tracker.natnet import NatNetTracker
-from bench.errors import BenchError
+from bench.errors import BenchError, ConfigError
 from bench.timing import Clock
 
 __all__ = ["make_tracker"]
 
 
 def make_tracker(
-    config: TrackerConfig,
+    config: AnyTrackerConfig,
     clock: Clock,
     *,
     on_missed: Callable[[str, int], None] | None = None,
@@ -31,6 +31,21 @@ def make_tracker(
     on_lost : callable, optional
         Told once when the tracker falls silent.
     flight : FlightRecorder, optional
-        Keeps the last packets for the day on which the link ends badly.
+        Keeps the last packets for the day on which the link ends badly; not of a tracker whose maker's library reads
+        the network.
+
+    Raises
+    ------
+    ConfigError
+        The tracker's maker has a library of its own, which is not installed.
     """
-    return NatNetTracker(config, clock, on_missed=on_missed, on_lost=on_lost, flight=flight)
+    if config.kind == "natnet":
+        return NatNetTracker(config, clock, on_missed=on_missed, on_lost=on_lost, flight=flight)
+    try:
+        from bench.drivers.tracker.qualisys import QualisysTracker
+    except ImportError as error:
+        raise ConfigError(
+            f"[tracker] kind = 'qualisys' needs the library qtm-rt: {error}.",
+            hint="Install it with: pip install 'cable-bench[qualisys]'",
+        ) from error
+    return QualisysTracker(config, clock, on_missed=on_missed, on_lost=on_lost)

@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bench.simulation.device_clock import DeviceClock
+from bench.simulation.network import ServerThread, Session
+from bench.simulation.outbox import Outbox
 from bench.simulation.program import PathProgram
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.ur.dashboard import DashboardSession
@@ -14,8 +16,6 @@ from bench.simulation.ur.faults import LinkFaults, wait_for
 from bench.simulation.ur.http import HttpSession
 from bench.simulation.ur.kinds import E_SERIES, ControllerKind
 from bench.simulation.ur.machine import CycleRegisters, Machine
-from bench.simulation.ur.network import ServerThread, Session
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rest import RobotApi
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
 from bench.simulation.ur.script import ScriptSession

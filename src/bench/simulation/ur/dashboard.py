@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bench.simulation.outbox import Outbox
 from bench.simulation.ur.machine import Machine
-from bench.simulation.ur.outbox import Outbox
 
 __all__ = ["EFFECT_DELAY_NS", "DashboardSession", "Effect"]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from typing import TypeVar
 
+from bench.simulation.network import ServerThread
 from bench.simulation.scheduler import Scheduler
-from bench.simulation.ur.network import ServerThread
 from bench.simulation.ur.rtde import RtdeServer
 from bench.timing import Clock, patience_ns
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from typing import Any
 
-from bench.simulation.ur.outbox import Outbox
+from bench.simulation.outbox import Outbox
 
 __all__ = ["HttpSession", "Reply", "Request"]
 

@@ -27,8 +27,8 @@ from bench.drivers.robot.ur.codec import (
 from bench.drivers.robot.ur.recipe import Recipe
 from bench.drivers.robot.ur.versions import find_since
 from bench.errors import ProtocolError
+from bench.simulation.outbox import Outbox
 from bench.simulation.ur.machine import Machine
-from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.variables import INPUT_TYPES, OUTPUT_TYPES
 
 __all__ = ["RtdeServer", "RtdeSession"]

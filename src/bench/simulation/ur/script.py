@@ -11,7 +11,7 @@ import re
 from collections.abc import Callable, MutableMapping
 
 from bench.drivers.robot.ur.recipe import Value
-from bench.simulation.ur.outbox import Outbox
+from bench.simulation.outbox import Outbox
 
 __all__ = ["ControlScript", "ScriptSession"]
 

@@ -6,9 +6,9 @@ import logging
 from collections.abc import Callable
 
 from bench.drivers.base import RecordSink
+from bench.drivers.tracker.complaints import Complaint
+from bench.drivers.tracker.counting import FrameCounter, Place
 from bench.drivers.tracker.natnet.bitstream import Bitstream
-from bench.drivers.tracker.natnet.complaints import Complaint
-from bench.drivers.tracker.natnet.counting import FrameCounter, Place
 from bench.drivers.tracker.natnet.frame import BITSTREAM_CHANGED, EDIT_MODE, MODELS_CHANGED
 from bench.drivers.tracker.natnet.link import CommandLink
 from bench.drivers.tracker.natnet.messages import decode_echo_response, decode_text, encode_echo_request

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.drivers.tracker.natnet.counting import REORDER_FRAMES, FrameCounter, Place
+from bench.drivers.tracker.counting import REORDER_FRAMES, FrameCounter, Place
 
 
 def place_all(numbers: list[int]) -> tuple[FrameCounter, list[tuple[Place, int]]]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from bench.errors import ConnectError
-from bench.simulation.ur.outbox import Outbox
+from bench.simulation.outbox import Outbox
 
 __all__ = ["ServerThread", "Session"]
 
@@ -62,10 +62,13 @@ class ServerThread:
     ----------
     patience_ns : int
         How long a client may leave its buffer full before it is cut off.
+    what : str
+        Which simulated device serves, in words.
     """
 
-    def __init__(self, patience_ns: int) -> None:
+    def __init__(self, patience_ns: int, what: str = "robot") -> None:
         self._patience_ns = patience_ns
+        self._what = what
         self._selector = selectors.DefaultSelector()
         self._wake_receive, self._wake_send = socket.socketpair()
         self._selector.register(self._wake_receive, selectors.EVENT_READ)
@@ -91,15 +94,15 @@ class ServerThread:
         except OSError as error:
             listener.close()
             raise ConnectError(
-                f"The simulated robot cannot serve on {host}:{port}, it is already in use or not an address of this "
-                f"machine ({error.strerror}).",
+                f"The simulated {self._what} cannot serve on {host}:{port}, it is already in use or not an address "
+                f"of this machine ({error.strerror}).",
                 hint="Stop the other program, or choose another loopback address.",
             ) from error
         listener.setblocking(False)
         self._selector.register(listener, selectors.EVENT_READ, _Listener(listener, welcome))
 
     def start(self) -> None:
-        self._thread = threading.Thread(target=self._run, name="ur-network", daemon=True)
+        self._thread = threading.Thread(target=self._run, name=f"{self._what}-network", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
