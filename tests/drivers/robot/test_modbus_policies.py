@@ -199,7 +199,12 @@ def test_a_policy_to_stop_ends_the_run_after_the_cycle_and_the_program_is_stoppe
         ("emergency_stop", lambda faults: faults.set_fault(17), DeviceStateError, "in a fault .state 9, fault code 17"),
         ("program_replaced", lambda faults: faults.stop(), DeviceStateError, "The robot program stopped in cycle 1."),
         ("program_replaced", lambda faults: faults.set_counter(400), CycleSequenceError, "counter went from 1 to 400"),
-        ("program_replaced", lambda faults: faults.reboot(), (DeviceStateError, CycleSequenceError), "stopped|from 1"),
+        (
+            "program_replaced",
+            lambda faults: faults.reboot(),
+            (DeviceStateError, CycleSequenceError),
+            "stopped|from 1|restarted in cycle 1",
+        ),
     ],
 )
 def test_what_aborts_the_run_withdraws_the_grant_stops_the_program_and_is_named(
