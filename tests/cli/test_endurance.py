@@ -30,8 +30,8 @@ def test_kills_and_stalls_leave_every_cycle_once_and_are_named_in_the_reports(
 
 def test_the_operator_is_told_what_to_do_and_how_to_go_on(endurance: subprocess.CompletedProcess[str]) -> None:
     for words in (
-        "it goes on when the robot answers again",
-        "power the robot on and release its brakes at the pendant",
+        "It goes on when it is heard again",
+        "make the robot ready again (its power, its brakes)",
         "To go on: bench run --cycles 14 --resume ",
     ):
         assert words in endurance.stdout, words

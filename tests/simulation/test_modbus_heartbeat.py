@@ -35,5 +35,5 @@ def test_the_heartbeat_changes_in_time_for_polls_in_step_with_the_scans(scans_pe
             values.append(tables.get(signal))
             if values[-1] != values[-2:][0]:
                 longest_ns, changed_ns = max(longest_ns, clock.now_ns() - changed_ns), clock.now_ns()
-    assert set(values) == {0.0, 1.0}
+    assert len(set(values)) > 1
     assert longest_ns < signal.max_age_s * 0.5e9

@@ -130,8 +130,8 @@ def _restarted(before: RobotState, state: RobotState, cycle_index: int) -> Devic
     return DeviceStateError(
         f"The robot's controller restarted in cycle {cycle_index}, and its program is gone: "
         f"its time went from {before.controller_time_s:.3f} s to {state.controller_time_s:.3f} s.",
-        hint="See that robot and cable are well, power the robot on and release its brakes at the pendant, "
-        "then go on with --resume.",
+        hint="See that robot and cable are well, make the robot ready again (its power, its brakes), then go on with "
+        "--resume.",
     )
 
 

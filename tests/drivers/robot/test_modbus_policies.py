@@ -15,6 +15,7 @@ from bench.errors import BenchError, CycleSequenceError, DeviceStateError, LinkL
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, LogEntry, Record, RobotState, RunState, StateChange
 from bench.run.conditions import ConditionKind, describe_lost_link
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
+from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
 from bench.run.holding import Holding
 from bench.run.inbox import ConditionCleared, ConditionRaised, QueueInbox
@@ -40,7 +41,7 @@ class PlcRun:
         self._inbox = inbox = QueueInbox(clock)
         self._watcher = CycleWatcher(inbox.put, self.records.append)
         words = make_robot_words(config)
-        self._guards = Guards(policy, clock, inbox.put, lambda: 10**12, int, words=words)
+        self._guards = Guards(policy, clock, inbox.put, self.records.append, lambda: 10**12, int, words=words)
         self._stream = ModbusStateStream(
             config,
             clock,
@@ -65,6 +66,7 @@ class PlcRun:
             self.records.append,
             self._progress,
             RunLimits(),
+            FirstCycle(None, 1.0, lambda: float("nan")),
             refresh=lambda: self.notes.add(self._progress.note),
         )
         self._result: Ending | BenchError | None = None
@@ -197,7 +199,12 @@ def test_a_policy_to_stop_ends_the_run_after_the_cycle_and_the_program_is_stoppe
         ("emergency_stop", lambda faults: faults.set_fault(17), DeviceStateError, "in a fault .state 9, fault code 17"),
         ("program_replaced", lambda faults: faults.stop(), DeviceStateError, "The robot program stopped in cycle 1."),
         ("program_replaced", lambda faults: faults.set_counter(400), CycleSequenceError, "counter went from 1 to 400"),
-        ("program_replaced", lambda faults: faults.reboot(), (DeviceStateError, CycleSequenceError), "stopped|from 1"),
+        (
+            "program_replaced",
+            lambda faults: faults.reboot(),
+            (DeviceStateError, CycleSequenceError),
+            "stopped|from 1|restarted in cycle 1",
+        ),
     ],
 )
 def test_what_aborts_the_run_withdraws_the_grant_stops_the_program_and_is_named(
