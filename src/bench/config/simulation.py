@@ -23,12 +23,25 @@ class SimulationConfig(Section):
     cycle_s: float = Field(2.0, gt=0.1, le=3600, description="Duration of one pass along the path.")
     tracker_rate_hz: float = Field(100.0, gt=0, le=1000, description="Exposures a second.")
     noise_mm: float = Field(0.05, ge=0, le=10, description="Standard deviation of the markers' noise, per axis.")
+    placement_sd_mm: float = Field(
+        0.0, ge=0, le=20, description="How far off its place along the cable each marker sits: standard deviation."
+    )
+    mounting_sd_mm: float = Field(
+        0.0,
+        ge=0,
+        le=20,
+        description="How far each marker of the cable sits off the centreline, to the side and up: standard deviation "
+        "of each. Constant, as glue holds it.",
+    )
     miss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each marker to be hidden in a frame.")
     ghost_count: int = Field(0, ge=0, le=50, description="Ghost markers in each frame.")
     robot_clock_ppm: float = Field(
         25.0, ge=-500, le=500, description="How much faster than host time the robot's clock runs."
     )
     tracker_clock_ppm: float = Field(-42.0, ge=-500, le=500, description="The same for the tracker's clock.")
+    tracker_stamp_delay_ms: float = Field(
+        0.0, ge=-100, le=100, description="How much later than the exposure its stamps say it was."
+    )
     bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
     weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")
     remote_control: bool = Field(

@@ -18,6 +18,7 @@ from bench.simulation.device_clock import DeviceClock
 from bench.simulation.natnet.answers import Answers
 from bench.simulation.natnet.clients import Address, Clients
 from bench.simulation.natnet.packets import APP_VERSIONS, Stamps, make_frame, make_models
+from bench.simulation.natnet.timing import RECEIVED_AFTER_S, TRANSMIT_AFTER_S
 from bench.simulation.scene import Scene
 from bench.simulation.scheduler import Scheduler
 from bench.timing import Clock, patience_ns
@@ -26,10 +27,6 @@ __all__ = ["NatNetServer"]
 
 FIRST_FRAME_NUMBER = 1042
 """Motive counts from its own start, long before anyone listens."""
-RECEIVED_AFTER_S = 0.0046
-"""From mid-exposure to camera data received: median of 518 real frames."""
-TRANSMIT_AFTER_S = 0.00541
-"""From mid-exposure to transmit, of the same."""
 NETWORK_S = 0.0006
 """Shortest way from the transmit stamp to the network."""
 TAIL_S = 0.00017
@@ -62,6 +59,8 @@ class NatNetServer:
         NatNet version: 3.0, 3.1, 4.0 or 4.1.
     mid_exposure_known : bool
         False: USB cameras, which send no mid-exposure stamp.
+    stamp_delay_s : float
+        How much later than the exposure all its stamps say it was.
     seed : int
         Of the packets' delays.
     """
@@ -79,6 +78,7 @@ class NatNetServer:
         data_port: int = 1511,
         version: Version = (4, 1, 0, 0),
         mid_exposure_known: bool = True,
+        stamp_delay_s: float = 0.0,
         seed: int = 1,
     ) -> None:
         if version[:2] not in APP_VERSIONS:
@@ -90,6 +90,7 @@ class NatNetServer:
         self._clock = clock
         self._tracker_clock = tracker_clock
         self._rate_hz = rate_hz
+        self._stamp_delay_ticks = round(stamp_delay_s * tracker_clock.ticks_per_s)
         self._mid_exposure_known = mid_exposure_known
         self._rng = np.random.default_rng(seed)
         self._clients = Clients(clock)
@@ -173,9 +174,10 @@ class NatNetServer:
         if self._stopping.is_set():
             return
         number = FIRST_FRAME_NUMBER + self.n_exposed
+        stamps = self._stamp(ticks + self._stamp_delay_ticks)
         exposure = self._scene.expose(number, host_ns)
         timestamp_s = self.n_exposed / self._rate_hz
-        frame = make_frame(exposure, number, timestamp_s, self._stamp(ticks), recording=self._answers.is_recording)
+        frame = make_frame(exposure, number, timestamp_s, stamps, recording=self._answers.is_recording)
         self.n_exposed += 1
         self._scheduler.call_at(self._departure_ns(host_ns), partial(self._transmit, frame))
         self._schedule_exposure()
