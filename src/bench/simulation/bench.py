@@ -172,10 +172,9 @@ class SimulatedBench:
             self.scheduler,
             self._clock,
             tracker_clock=DeviceClock(started_ns, TRACKER_TICKS_AT_START, TRACKER_TICKS_PER_S, ppm),
-            rate_hz=self._simulation.tracker_rate_hz,
             command_port=tracker.command_port,
             data_port=DATA_PORT,
-            stamp_delay_s=stamp_delay_s(self._simulation),
+            simulation=self._simulation,
         )
 
 
