@@ -104,6 +104,11 @@ class SimulationConfig(Section):
         pattern=r"^(22[4-9]|23\d)(\.(25[0-5]|2[0-4]\d|1\d\d|[1-9]?\d)){3}$",
         description="Multicast group of the frames.",
     )
+    natnet_other_markers: Literal["bodies", "unlabeled"] = Field(
+        "bodies",
+        description="What a frame lists as other markers. 'bodies': those of the rigid bodies, as Motive does; "
+        "'unlabeled': the loose ones, as its manual says.",
+    )
     bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
     weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")
     remote_control: bool = Field(

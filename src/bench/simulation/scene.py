@@ -42,7 +42,7 @@ class Exposure:
     ids: npt.NDArray[np.uint32]
     """(n,): body << 16 | member for a rigid body's marker; else a number that changes after each gap."""
     flags: npt.NDArray[np.uint32]
-    """(n,): NatNet marker parameters, 0x12 unlabeled, 0x0A labeled."""
+    """(n,): NatNet marker parameters, 0x12 unlabeled, 0x0A labeled, 0x0B labeled and filled in."""
     size_m: npt.NDArray[np.float32]
     residual_m: npt.NDArray[np.float32]
     bodies: tuple[RigidBody, ...]

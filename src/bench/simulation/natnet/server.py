@@ -202,7 +202,16 @@ class NatNetServer:
         params = (RECORDING if self._answers.is_recording else 0) | self._changed
         timestamp_s = self._n_since_start / self._rate_hz
         ptp_ns = host_ns if self._simulation.ptp else None
-        frame = make_frame(exposure, number, timestamp_s, stamps, params=params, ptp_ns=ptp_ns, unseen=self._unseen)
+        frame = make_frame(
+            exposure,
+            number,
+            timestamp_s,
+            stamps,
+            params=params,
+            ptp_ns=ptp_ns,
+            unseen=self._unseen,
+            others_are_loose=self._simulation.natnet_other_markers == "unlabeled",
+        )
         self._changed = 0
         self.n_exposed += 1
         self._n_since_start += 1
