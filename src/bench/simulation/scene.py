@@ -126,7 +126,8 @@ class Scene:
         motion = self._program.motion_at(host_ns)
         points, n_loose = self._points, self._points.n_loose
         true_m = self._markers.table.at(motion.place)
-        points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
+        if len(self._ghosts.positions_m):
+            points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
         all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, self._reflections_m, true_m[n_loose:]])
         noise = self._rng.standard_normal(all_m.shape) * self._noise_m
         bodies = self._hide(motion.place, noise[points.first_member :])
