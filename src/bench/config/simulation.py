@@ -55,7 +55,7 @@ class SimulationConfig(Section):
     reflection_jitter_mm: float = Field(
         0.0, ge=0, le=50, description="How much more than a marker they jitter; 1.6-4.9 mm in real recordings."
     )
-    order: Literal["ids", "shuffle"] = Field(
+    point_order: Literal["ids", "shuffle"] = Field(
         "ids", description="Order in a frame. 'ids': as Motive has it, labeled first, both by ascending number."
     )
     robot_clock_ppm: float = Field(

@@ -111,7 +111,7 @@ class Scene:
             simulation.ghost_count,
             simulation.reflection_count,
             [body.body_id for body in markers.bodies],
-            shuffles=simulation.order == "shuffle",
+            shuffles=simulation.point_order == "shuffle",
             rng=rng,
         )
         self._noise_m = np.full((len(self._points), 1), simulation.noise_mm * 1e-3)
