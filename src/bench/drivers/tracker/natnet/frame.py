@@ -42,6 +42,7 @@ __all__ = [
     "LABELED",
     "MODELS_CHANGED",
     "NEWEST_KNOWN",
+    "NO_STAMP",
     "OLDEST_VERSION",
     "RECORDING",
     "STAMPS_SINCE",
@@ -56,6 +57,7 @@ OLDEST_VERSION = (2, 9)
 """Of Motive 1.9, 2015."""
 STAMPS_SINCE = (3, 0)
 """Before it, a frame has no camera stamps but the time since the software's start alone."""
+NO_STAMP = -1
 SIZES_SINCE = (4, 1)
 PTP_SINCE = (4, 1)
 DEVICES_SINCE = (2, 11)
@@ -96,11 +98,11 @@ class Frame:
     timestamp_s: float
     """Seconds since the tracker's software started."""
     mid_exposure: int
-    """Ticks of the tracker's clock; 0 with USB cameras, and before NatNet 3."""
+    """Ticks of the tracker's clock; 0 with USB cameras, `NO_STAMP` before NatNet 3."""
     data_received: int
-    """Ticks when the camera data was complete; 0 before NatNet 3."""
+    """Ticks when the camera data was complete; `NO_STAMP` before NatNet 3."""
     transmit: int
-    """Ticks when the packet was handed to the network; 0 before NatNet 3."""
+    """Ticks when the packet was handed to the network; `NO_STAMP` before NatNet 3."""
     marker_sets: tuple[MarkerSet, ...] = ()
     skeletons: Section = EMPTY
     assets: Section = EMPTY
@@ -219,9 +221,9 @@ def _decode_old(reader: Reader, version: Version) -> Frame:
         bodies=bodies,
         other_m=other,
         timestamp_s=timestamp_s,
-        mid_exposure=0,
-        data_received=0,
-        transmit=0,
+        mid_exposure=NO_STAMP,
+        data_received=NO_STAMP,
+        transmit=NO_STAMP,
         marker_sets=marker_sets,
         skeletons=skeletons,
         force_plates=force_plates,
