@@ -8,14 +8,17 @@ import struct
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import pytest
 from natnet_recording import stored
 from natnet_scripted import ScriptedTracker, make_packet, scripted_tracker
 
 from bench.config import TrackerConfig
+from bench.drivers.receive import KERNEL, KERNEL_STAMPS, PROGRAM, StampedSocket
 from bench.drivers.tracker import make_tracker
 from bench.drivers.tracker.natnet import client as client_module
+from bench.drivers.tracker.natnet import link as link_module
 from bench.drivers.tracker.natnet.client import NatNetTracker
 from bench.drivers.tracker.natnet.messages import ServerInfo, encode_number_response
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
@@ -107,6 +110,17 @@ def test_the_client_learns_what_the_tracker_is(tracker: ScriptedTracker, recorde
         assert info.detail["clock_hz"] == "1000000"
         assert info.detail["bitstream"] == "4.1"
         assert info.detail["up_axis"] == "y"
+        assert info.detail["stamped_by"] == (KERNEL if KERNEL_STAMPS else PROGRAM)
+
+
+def test_the_client_stamps_by_itself_where_the_kernel_does_not(
+    tracker: ScriptedTracker, recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(link_module, "StampedSocket", partial(StampedSocket, option=None))
+    with connected(tracker, recorder) as info:
+        assert info.detail["stamped_by"] == PROGRAM
+        tracker.send(make_packet(1))
+        assert recorder.wait_for_frame(1).arrival_ns > 0
 
 
 def test_frames_arrive_with_points_ids_and_bodies(tracker: ScriptedTracker, recorder: Recorder) -> None:

@@ -104,16 +104,20 @@ class UrStateStream:
             raise
         self._thread = threading.Thread(target=self._run, args=(link, reader), name="ur-state", daemon=True)
         self._thread.start()
-        return self._describe(session)
+        return self._describe(session, link)
 
-    def _describe(self, session: Session) -> DeviceInfo:
+    def _describe(self, session: Session, link: RtdeLink) -> DeviceInfo:
         return DeviceInfo(
             device="robot",
             kind="ur",
             address=f"{self._config.host}:{self._config.rtde_port}",
             version=".".join(str(part) for part in session.version),
             rate_hz=session.rate_hz,
-            detail={"recipe": ",".join(session.outputs.names), "left_out": ",".join(session.left_out)},
+            detail={
+                "recipe": ",".join(session.outputs.names),
+                "left_out": ",".join(session.left_out),
+                "stamped_by": link.stamps.stamped_by,
+            },
         )
 
     def grant_cycles(self, total: int) -> None:
@@ -184,7 +188,7 @@ class UrStateStream:
             while current is not None:
                 error = self._follow(current, reader)
                 self._drop(current)
-                reader.finish()
+                reader.finish(current.stamps.remark())
                 if error is None or self._closing.is_set():
                     return
                 self._report_lost(error, reader)

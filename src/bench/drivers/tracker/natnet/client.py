@@ -156,6 +156,7 @@ class NatNetTracker:
                 "clock_hz": str(server.clock_hz),
                 "local_address": self._link.local_address,
                 "receive_buffer_bytes": str(self._link.receive_buffer_bytes),
+                "stamped_by": self._link.stamped_by,
                 "up_axis": UP_AXES.get(-1 if up_axis is None else int(up_axis), "unknown"),
                 "version_chosen_by": "client" if server.natnet_version >= CHOOSING_SINCE else "server",
             },
@@ -203,6 +204,8 @@ class NatNetTracker:
             stream.keep_up(now_ns)
             self._watch_silence(stream, now_ns, is_idle=received is None)
         stream.finish()
+        if remark := self._link.remark():
+            self._sink(LogEntry(self._clock.now_ns(), Severity.INFO, "tracker", remark))
 
     def _keep_alive(self, now_ns: int) -> None:
         if now_ns >= self._next_keepalive_ns:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 
 from bench.config import TrackerConfig
+from bench.drivers.receive import StampedSocket
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
 from bench.errors import ConnectError
 from bench.timing import Clock, patience_ns
@@ -24,10 +25,13 @@ class CommandLink:
         self._config = config
         self._clock = clock
         self._socket: socket.socket | None = None
+        self._stamps: StampedSocket | None = None
         self._peer = ("", 0)
         self.local_address = ""
         self.receive_buffer_bytes = 0
         """What the system grants of `RECEIVE_BUFFER_BYTES`; Linux: at most twice net.core.rmem_max."""
+        self.stamped_by = ""
+        """Who stamps the arrivals; see `bench.drivers.receive`."""
 
     @property
     def name(self) -> str:
@@ -51,11 +55,13 @@ class CommandLink:
             ) from error
         self.receive_buffer_bytes = link.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._socket = link
+        self._stamps = StampedSocket(link, self._clock, LARGEST_PACKET)
+        self.stamped_by = self._stamps.stamped_by
 
     def close(self) -> None:
         if self._socket is not None:
             self._socket.close()
-            self._socket = None
+            self._socket = self._stamps = None
 
     def send(self, packet: bytes) -> bool:
         """Send one packet; False if the network refuses it, which the silence that follows will show."""
@@ -69,14 +75,17 @@ class CommandLink:
 
     def receive(self) -> tuple[bytes, int] | None:
         """Return the next packet of the tracker with its arrival in host time, or None if none came for a while."""
-        if self._socket is None:
+        if self._stamps is None:
             return None
         try:
-            packet, sender = self._socket.recvfrom(LARGEST_PACKET)
+            packet, sender, arrival_ns = self._stamps.receive()
         except OSError:
             return None
-        arrival_ns = self._clock.now_ns()
         return (packet, arrival_ns) if sender[0] == self._peer[0] else None
+
+    def remark(self) -> str:
+        """Return a sentence if the kernel left out many stamps; else empty."""
+        return self._stamps.remark() if self._stamps else ""
 
     def ask(
         self, question: bytes, answers: tuple[Message, ...], *, tries: int, wait_s: float
