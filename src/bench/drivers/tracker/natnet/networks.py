@@ -1,4 +1,4 @@
-"""This machine's networks, as far as NatNet needs them: multicast groups to listen to, and trackers that answer a call."""
+"""What NatNet needs of the networks: multicast groups to listen to, and trackers that answer a call."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ __all__ = ["find_trackers", "open_group_socket"]
 
 SIOCGIFADDR, SIOCGIFBRDADDR = 0x8915, 0x8919
 """linux/sockios.h: an interface's address, and the one that reaches all on its network."""
+NONE = socket.inet_ntoa(bytes(4))
 INTERFACE_NAME = Struct("16s256x")
 INTERFACE_ADDRESS = Struct("20x4s232x")
 """struct ifreq, with room to spare."""
@@ -93,7 +94,7 @@ def _networks() -> list[tuple[str, str]]:
                 own, everyone = (_ask_interface(probe, what, request) for what in (SIOCGIFADDR, SIOCGIFBRDADDR))
             except OSError:  # the card is down, or has no IPv4 address
                 continue
-            found.append((own, everyone if everyone != "0.0.0.0" else _loopback_broadcast(own)))
+            found.append((own, _loopback_broadcast(own) if everyone == NONE else everyone))
     return [(own, everyone) for own, everyone in found if everyone]
 
 
@@ -102,7 +103,7 @@ def _ask_interface(probe: socket.socket, what: int, request: bytes) -> str:
 
 
 def _loopback_broadcast(own: str) -> str:
-    """Return the broadcast address that Linux gives the loopback network without naming it; empty for other networks."""
+    """Return the broadcast address that the loopback network has without naming it; empty for other networks."""
     return "127.255.255.255" if own.startswith("127.") else ""
 
 

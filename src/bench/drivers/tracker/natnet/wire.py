@@ -22,6 +22,7 @@ __all__ = [
     "Message",
     "Reader",
     "Version",
+    "dotted",
     "encode_packet",
     "pack_text",
     "split_packet",
@@ -101,6 +102,14 @@ def verify_whole(packet: bytes) -> None:
     announced = HEADER.unpack_from(packet)[1] + HEADER.size
     if announced > len(packet):
         raise ProtocolError(f"A NatNet packet of {len(packet)} bytes was cut: its header announces {announced}.")
+
+
+def dotted(version: Version) -> str:
+    """Write a version without its trailing zeros, but with two numbers."""
+    numbers = list(version)
+    while len(numbers) > 2 and numbers[-1] == 0:
+        numbers.pop()
+    return ".".join(map(str, numbers))
 
 
 def pack_text(text: str) -> bytes:
