@@ -84,6 +84,8 @@ class ScriptedTracker:
         self.client: tuple[str, int] | None = None
         self.echo: Callable[[int], bytes | None] = lambda ticks: encode_echo_response(ticks, 77)
         self.is_deaf = False
+        self.told: ServerInfo | None = None
+        """What is said, where it is not what is true."""
         self._stopping = threading.Event()
 
     def send(self, packet: bytes) -> None:
@@ -109,16 +111,16 @@ class ScriptedTracker:
             if self.is_deaf:
                 continue
             self.client = sender
-            reply = self._reply(message, payload)
+            reply = self.reply(message, payload)
             if reply is not None:
                 self.socket.sendto(reply, sender)
 
     def stop(self) -> None:
         self._stopping.set()
 
-    def _reply(self, message: int, payload: bytes) -> bytes | None:
+    def reply(self, message: int, payload: bytes) -> bytes | None:
         if message in (Message.CONNECT, Message.DISCOVERY):
-            return encode_server_info(self.info)
+            return encode_server_info(self.told or self.info)
         if message == Message.REQUEST:
             return self.answers.get(decode_text(payload), encode_packet(Message.UNRECOGNIZED_REQUEST, bytes(264)))
         if message == Message.REQUEST_MODELDEF:

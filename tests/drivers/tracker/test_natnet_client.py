@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import queue
 import socket
 import struct
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from functools import partial
 
 import pytest
+from natnet_recorder import PATIENCE_S, Recorder, connected, make_client
 from natnet_recording import stored
 from natnet_scripted import ScriptedTracker, make_packet, scripted_tracker
 
@@ -19,69 +18,11 @@ from bench.drivers.receive import KERNEL, KERNEL_STAMPS, PROGRAM, StampedSocket
 from bench.drivers.tracker import make_tracker
 from bench.drivers.tracker.natnet import handshake
 from bench.drivers.tracker.natnet import link as link_module
-from bench.drivers.tracker.natnet.client import NatNetTracker
 from bench.drivers.tracker.natnet.messages import ServerInfo, encode_number_response
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
-from bench.errors import BenchError, ConnectError, DeviceStateError, LinkLostError, ProtocolError
-from bench.model import DeviceInfo, LogEntry, Record, Severity, TrackerFrame
+from bench.errors import ConnectError, DeviceStateError, LinkLostError, ProtocolError
+from bench.model import Record, Severity, TrackerFrame
 from bench.timing import RunClock
-
-PATIENCE_S = 20.0
-
-
-class Recorder:
-    """A sink, and the callbacks."""
-
-    def __init__(self) -> None:
-        self.records: queue.Queue[Record] = queue.Queue()
-        self.seen: list[Record] = []
-        self.losses: queue.Queue[BenchError] = queue.Queue()
-        self.missed: list[tuple[str, int]] = []
-
-    def wait_for(self, is_it: Callable[[Record], bool]) -> Record:
-        """Return the first record, old or new, that fits."""
-        deadline = time.monotonic() + PATIENCE_S
-        for record in self.seen:
-            if is_it(record):
-                return record
-        while True:
-            record = self.records.get(timeout=max(0.01, deadline - time.monotonic()))
-            self.seen.append(record)
-            if is_it(record):
-                return record
-
-    def wait_for_frame(self, number: int) -> TrackerFrame:
-        found = self.wait_for(lambda record: isinstance(record, TrackerFrame) and record.frame_number == number)
-        assert isinstance(found, TrackerFrame)
-        return found
-
-    def wait_for_log(self, words: str) -> LogEntry:
-        found = self.wait_for(lambda record: isinstance(record, LogEntry) and words in record.text)
-        assert isinstance(found, LogEntry)
-        return found
-
-
-def make_client(
-    tracker: ScriptedTracker, recorder: Recorder, *, local_address: str = "", speed: float = 1.0
-) -> NatNetTracker:
-    config = TrackerConfig(host=tracker.host, command_port=tracker.port, local_address=local_address)
-    missed = recorder.missed
-    return NatNetTracker(
-        config,
-        RunClock.start(speed),
-        on_missed=lambda topic, n: missed.append((topic, n)),
-        on_lost=recorder.losses.put,
-    )
-
-
-@contextmanager
-def connected(tracker: ScriptedTracker, recorder: Recorder) -> Iterator[DeviceInfo]:
-    client = make_client(tracker, recorder)
-    info = client.open(recorder.records.put)
-    try:
-        yield info
-    finally:
-        client.close()
 
 
 @pytest.fixture

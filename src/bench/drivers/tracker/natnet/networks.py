@@ -17,7 +17,7 @@ __all__ = ["find_trackers", "open_group_socket"]
 SIOCGIFADDR, SIOCGIFBRDADDR = 0x8915, 0x8919
 """linux/sockios.h: an interface's address, and the one that reaches all on its network."""
 NONE = socket.inet_ntoa(bytes(4))
-INTERFACE_NAME = Struct("16s256x")
+INTERFACE_NAME = Struct("16s240x")
 INTERFACE_ADDRESS = Struct("20x4s232x")
 """struct ifreq, with room to spare."""
 CALL_S = 0.5
