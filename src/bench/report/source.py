@@ -19,7 +19,7 @@ from bench.analysis import (
     count_cycles,
     find_gaps,
 )
-from bench.model import ClockSource, CycleEventKind
+from bench.model import ClockSource, CycleEventKind, StampKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding
 
@@ -176,11 +176,14 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
     frame, samples = run[FRAME], run[CLOCK]
+    ticks, capture_ns = _ints(frame.device_ticks), _ints(frame.capture_ns)
+    if len(ticks) and (frame.stamp == StampKind.SOFTWARE_TIME).all():  # nanoseconds of a clock that answers nothing
+        return align_by_arrival(ticks, _ints(frame.arrival_ns), capture_ns, segment, 1.0)
     asked = np.flatnonzero(samples.source == ClockSource.TRACKER)
     frequency = samples.ticks_per_s[asked]
     return align_by_echo(
-        _ints(frame.device_ticks),
-        _ints(frame.capture_ns),
+        ticks,
+        capture_ns,
         segment,
         _ints(samples.segment)[asked],
         _ints(samples.send_ns)[asked],
