@@ -36,7 +36,7 @@ class FrameCounter:
         self.missed = 0
         """Frames that have not come, of all the numbers since the first."""
 
-    def place(self, number: int, ticks: int) -> tuple[Place, int]:
+    def place(self, number: int, ticks: int, *, after_silence: bool = False) -> tuple[Place, int]:
         """Take one frame into account.
 
         Parameters
@@ -45,6 +45,8 @@ class FrameCounter:
             The tracker's frame number.
         ticks : int
             Its capture time by the tracker's clock, which tells a late or doubled frame from a new count.
+        after_silence : bool, optional
+            The first frame after a silence, longer than any frame is late.
 
         Returns
         -------
@@ -62,7 +64,7 @@ class FrameCounter:
             return Place.NEXT, self._advance(number, ticks)
         if self._recent.get(number) == ticks:
             return Place.DUPLICATE, 0
-        if self._newest - number <= REORDER_FRAMES and ticks < self._newest_ticks:
+        if not after_silence and self._newest - number <= REORDER_FRAMES and ticks < self._newest_ticks:
             if number in self._missing:
                 return Place.LATE, self._fill(number, ticks)
             if number < self._first:

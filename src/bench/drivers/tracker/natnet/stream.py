@@ -39,7 +39,7 @@ MOST_QUESTIONS = 16
 MODELS_PAUSE_S = 1.0
 """Machine time between two requests for the model definitions: the bit that asks for it stays set for a while."""
 CLOCK_JUMP_NS = 10_000_000_000
-"""A clock that reads so much else after a silence began anew in it. Networks hold packets back for less."""
+"""A clock that reads so much else began anew. Networks hold packets back for less."""
 LARGEST_CORRECTION_NS = 3_600_000_000_000
 """A capture time an hour from its arrival comes from a broken stamp, not from a slow network."""
 
@@ -155,7 +155,6 @@ class FrameStream:
         self.newest_frame_ns = arrival_ns
         self.answers_since_frame = 0
         if self._is_back:
-            self._is_back = False
             self._watch_for_new_clock(ticks, arrival_ns)
         if not self._count(frame.frame_number, ticks):
             return
@@ -166,7 +165,8 @@ class FrameStream:
 
     def _count(self, number: int, ticks: int) -> bool:
         """Count one frame; False if it is there already."""
-        place, change = self._counter.place(number, ticks)
+        place, change = self._counter.place(number, ticks, after_silence=self._is_back)
+        self._is_back = False
         if place is Place.DUPLICATE:
             self._twice.add(f"The latest is frame {number}.")
             return False
@@ -192,7 +192,7 @@ class FrameStream:
         self._ask_clock()
 
     def _watch_for_new_clock(self, ticks: int, arrival_ns: int) -> None:
-        """Begin a segment if the clock was set back or on during a silence: the tracker's PC was restarted."""
+        """Begin a segment if the clock reads something else altogether: the tracker's PC was restarted."""
         if self._echo.map is not None and abs(self._echo.map.to_host_ns(ticks) - arrival_ns) > CLOCK_JUMP_NS:
             self._counter.begin_anew()
             self._begin_segment("The tracker's clock was restarted")
@@ -260,6 +260,7 @@ class FrameStream:
         if send_ns not in self._asked:
             return
         del self._asked[send_ns]
+        self._watch_for_new_clock(ticks, arrival_ns)
         self.answers_since_frame += 1
         sample = ClockSample(ClockSource.TRACKER, send_ns, ticks, arrival_ns, float(self._clock_hz), self._segment)
         self._sink(sample)
