@@ -6,10 +6,12 @@ import queue
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 from natnet_scripted import ScriptedTracker
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.tracker.natnet.client import NatNetTracker
 from bench.errors import BenchError
 from bench.model import DeviceInfo, LogEntry, Record, TrackerFrame
@@ -50,14 +52,18 @@ class Recorder:
         return found
 
 
-def make_client(tracker: ScriptedTracker, recorder: Recorder, *, speed: float = 1.0, **keys: object) -> NatNetTracker:
+def make_client(
+    tracker: ScriptedTracker, recorder: Recorder, *, speed: float = 1.0, stem: Path | None = None, **keys: object
+) -> NatNetTracker:
+    clock = RunClock.start(speed)
     config = TrackerConfig(host=tracker.host, command_port=tracker.port, **keys)
     missed = recorder.missed
     return NatNetTracker(
         config,
-        RunClock.start(speed),
+        clock,
         on_missed=lambda topic, n: missed.append((topic, n)),
         on_lost=recorder.losses.put,
+        flight=FlightRecorder("tracker", clock, stem),
     )
 
 

@@ -7,6 +7,7 @@ import struct
 import time
 from collections.abc import Iterator
 from functools import partial
+from pathlib import Path
 
 import pytest
 from natnet_recorder import PATIENCE_S, Recorder, connected, make_client
@@ -81,6 +82,35 @@ def test_gaps_and_garbage_are_counted_and_frames_go_on(tracker: ScriptedTracker,
         recorder.wait_for_log("cannot be read")
     assert recorder.missed == [("/tracker/points", 4)]
     assert recorder.losses.empty()
+
+
+def test_a_packet_that_cannot_be_read_is_kept_in_a_file_that_the_log_names(
+    tracker: ScriptedTracker, recorder: Recorder, tmp_path: Path
+) -> None:
+    damaged = make_packet(100)[:-9]
+    with connected(tracker, recorder, stem=tmp_path / "run-1"):
+        tracker.send(damaged)
+        told = recorder.wait_for_log("cannot be read")
+        tracker.send(damaged)
+        tracker.send(make_packet(101))
+        recorder.wait_for_frame(101)
+    path = tmp_path / "run-1.tracker-packets-1.txt"
+    assert list(tmp_path.iterdir()) == [path]
+    assert told.text.endswith(f"packets of the link are in {path}.")
+    assert path.read_text(encoding="utf-8").splitlines()[-1].endswith(f" < {damaged.hex()}")
+
+
+def test_a_tracker_that_falls_silent_leaves_its_last_packets(
+    tracker: ScriptedTracker, recorder: Recorder, tmp_path: Path
+) -> None:
+    with connected(tracker, recorder, stem=tmp_path / "run-1"):
+        tracker.send(make_packet(100))
+        recorder.wait_for_frame(100)
+        tracker.send(encode_packet(Message.DISCONNECT))
+        error = recorder.losses.get(timeout=PATIENCE_S)
+    (path,) = tmp_path.iterdir()
+    assert f"packets of the link are in {path}." in str(error)
+    assert f" < {make_packet(100).hex()}\n" in path.read_text(encoding="utf-8")
 
 
 def test_packets_of_strangers_are_ignored(tracker: ScriptedTracker, recorder: Recorder) -> None:

@@ -12,6 +12,7 @@ from natnet_recorder import Recorder, connected, make_client
 from natnet_scripted import ScriptedTracker, make_packet, scripted_tracker
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.tracker.natnet import handshake
 from bench.drivers.tracker.natnet.link import CommandLink
 from bench.drivers.tracker.natnet.networks import find_trackers, open_group_socket
@@ -124,7 +125,8 @@ def test_a_multicast_on_an_address_that_is_not_ours_is_refused() -> None:
 
 
 def test_a_link_that_is_closed_follows_nothing() -> None:
-    link = CommandLink(TrackerConfig(host="127.0.32.2"), RunClock.start())
+    clock = RunClock.start()
+    link = CommandLink(TrackerConfig(host="127.0.32.2"), clock, FlightRecorder("tracker", clock))
     link.follow("239.255.42.99", 1511)
     assert link.group == ""
 

@@ -6,6 +6,7 @@ import socket
 from collections import deque
 from contextlib import suppress
 
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.receive import StampedSocket
 from bench.drivers.robot.ur.codec import Frame, FrameSplitter, PackageType, encode_frame
 from bench.errors import ConnectError, LinkLostError, ProtocolError
@@ -32,12 +33,15 @@ class RtdeLink:
         Stamps what arrives.
     timeout_s : float
         Limit on connecting and on each answer, in the machine's own seconds.
+    flight : FlightRecorder
+        Keeps the last packets.
     """
 
-    def __init__(self, host: str, port: int, clock: Clock, timeout_s: float) -> None:
+    def __init__(self, host: str, port: int, clock: Clock, timeout_s: float, flight: FlightRecorder) -> None:
         self.peer = f"controller {host}:{port}"
         self._clock = clock
         self._timeout_s = timeout_s
+        self._flight = flight
         self._splitter = FrameSplitter()
         self._arrived: deque[ArrivedFrame] = deque()
         self.unasked: list[ArrivedFrame] = []
@@ -144,11 +148,14 @@ class RtdeLink:
             raise LinkLostError(f"The connection to the {self.peer} broke: {_reason(error)}.") from error
         if not data:
             raise LinkLostError(f"The {self.peer} closed the connection.")
+        self._flight.note_received(data, arrival_ns)
         return arrival_ns, self._splitter.feed(data)
 
     def send(self, kind: PackageType, payload: bytes = b"") -> None:
         """Send one package; `OSError` if it cannot be sent."""
-        self._socket.sendall(encode_frame(kind, payload))
+        frame = encode_frame(kind, payload)
+        self._flight.note_sent(frame)
+        self._socket.sendall(frame)
 
     def interrupt(self) -> None:
         """Make a `receive` that waits in another thread return."""

@@ -8,12 +8,13 @@ from collections.abc import Callable
 
 from bench.config import TrackerConfig
 from bench.drivers.base import RecordSink
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.tracker.natnet.handshake import CONNECT, begin_streaming, connect, describe, name_software
 from bench.drivers.tracker.natnet.link import CommandLink
 from bench.drivers.tracker.natnet.messages import ServerInfo
 from bench.drivers.tracker.natnet.stream import FrameStream
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
-from bench.errors import BenchError, LinkLostError
+from bench.errors import BenchError, LinkLostError, ProtocolError
 from bench.model import DeviceInfo, LogEntry, Severity
 from bench.timing import Clock, patience_ns
 
@@ -43,6 +44,8 @@ class NatNetTracker:
         did not come; with -1 when one of them comes late after all.
     on_lost : callable, optional
         Called once, from the reader thread, when no frame has come for 1 s.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the tracker falls silent or is not understood.
     """
 
     def __init__(
@@ -52,10 +55,12 @@ class NatNetTracker:
         *,
         on_missed: Callable[[str, int], None] | None = None,
         on_lost: Callable[[BenchError], None] | None = None,
+        flight: FlightRecorder | None = None,
     ) -> None:
         self._config = config
         self._clock = clock
-        self._link = CommandLink(config, clock)
+        self._flight = flight or FlightRecorder("tracker", clock)
+        self._link = CommandLink(config, clock, self._flight)
         self._on_missed = on_missed or (lambda _topic, _n: None)
         self._on_lost = on_lost or (lambda _error: None)
         self._lost_told = False
@@ -85,13 +90,17 @@ class NatNetTracker:
             server = connect(self._link, self._config)
             bitstream = begin_streaming(server, self._link, self._config)
             info = describe(self._link, server, bitstream, sink, self._clock)
-        except BaseException:
+        except BaseException as error:
             self._link.close()
+            if isinstance(error, ProtocolError):
+                self._flight.keep(error)
             raise
         self._stopping.clear()
         self._lost_told = self._silent = False
         self._sink, self._server = sink, server
-        self._stream = FrameStream(self._link, self._clock, sink, bitstream, server.clock_hz, self._on_missed)
+        self._stream = FrameStream(
+            self._link, self._clock, sink, bitstream, server.clock_hz, self._on_missed, keep_packets=self._flight.write
+        )
         self._stream.on_server = self._meet_again
         self._thread = threading.Thread(target=self._run, name="natnet-reader", daemon=True)
         self._thread.start()
@@ -175,6 +184,7 @@ class NatNetTracker:
         return text + (", though it answers." if stream.answers_since_frame > 0 else ", nor any answer.")
 
     def _lose(self, text: str) -> None:
+        text = f"{text} {self._flight.write(text)}".rstrip()
         self._say(Severity.ERROR, text)
         if not self._lost_told:
             self._lost_told = True

@@ -6,6 +6,7 @@ import select
 import socket
 
 from bench.config import TrackerConfig
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.receive import StampedSocket
 from bench.drivers.tracker.natnet.networks import open_group_socket
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
@@ -23,8 +24,9 @@ LONGEST_WAIT_S = 0.05
 class CommandLink:
     """A UDP socket to ask with, to which frames come too in unicast; and one more for those of a multicast."""
 
-    def __init__(self, config: TrackerConfig, clock: Clock) -> None:
+    def __init__(self, config: TrackerConfig, clock: Clock, flight: FlightRecorder) -> None:
         self._config = config
+        self._flight = flight
         self._clock = clock
         self._socket: socket.socket | None = None
         self._stamps: StampedSocket | None = None
@@ -106,6 +108,7 @@ class CommandLink:
         """Send one packet; False if the network refuses it, which the silence that follows will show."""
         if self._socket is None:
             return False
+        self._flight.note_sent(packet)
         try:
             self._socket.sendto(packet, self._peer)
         except OSError:
@@ -121,7 +124,10 @@ class CommandLink:
             packet, sender, arrival_ns = ready.receive()
         except OSError:
             return None
-        return (packet, arrival_ns) if sender[0] == self._peer[0] else None
+        if sender[0] != self._peer[0]:
+            return None
+        self._flight.note_received(packet, arrival_ns)
+        return packet, arrival_ns
 
     def _wait_for_one(self, poll: select.poll) -> StampedSocket | None:
         waiting = poll.poll(LONGEST_WAIT_S * 1000)

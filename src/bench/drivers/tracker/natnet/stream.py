@@ -62,6 +62,8 @@ class FrameStream:
         bitstream: Bitstream,
         clock_hz: int,
         on_missed: Callable[[str, int], None],
+        *,
+        keep_packets: Callable[[str], str] = lambda _reason: "",
     ) -> None:
         self._link = link
         self._clock = clock
@@ -69,6 +71,7 @@ class FrameStream:
         self._bitstream = bitstream
         self._clock_hz = clock_hz
         self._on_missed = on_missed
+        self._keep_packets = keep_packets
         self._counter = FrameCounter()
         self._echo = EchoFilter()
         self._one_way = MinimumDelayFilter(1.0)
@@ -129,7 +132,8 @@ class FrameStream:
             else:
                 self._take_other(message, payload, arrival_ns)
         except ProtocolError as error:
-            self._broken.add(f"{error} It begins with {packet[:16].hex()}.")
+            where = self._keep_packets(str(error)) if self._broken.total == 0 else ""
+            self._broken.add(f"{error} It begins with {packet[:16].hex()}. {where}".rstrip())
 
     def keep_up(self, now_ns: int) -> None:
         """Ask the clock when its turn has come, and tell what waits to be told."""
