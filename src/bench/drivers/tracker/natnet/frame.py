@@ -22,11 +22,11 @@ from bench.drivers.tracker.natnet.sections import (
     pack_labeled_without_residual,
     pack_marker_sets,
     pack_section,
-    read_array,
     read_bodies_with_markers,
     read_labeled_without_residual,
     read_marker_sets,
     read_section,
+    read_sized_array,
     walk_channels,
     walk_skeleton,
     walk_skeleton_with_markers,
@@ -141,13 +141,14 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
     if version < STAMPS_SINCE:
         return _decode_old(reader, version)
     sized = version >= SIZES_SINCE
+    read_array = read_sized_array if sized else Reader.array
     number = reader.integer()
     marker_sets = read_marker_sets(reader, sized)
-    other = read_array(reader, POINT, sized)
-    bodies = read_array(reader, BODY, sized)
+    other = read_array(reader, POINT)
+    bodies = read_array(reader, BODY)
     skeletons = read_section(reader, None if sized else walk_skeleton)
     assets = read_section(reader, None) if sized else EMPTY  # sizes and assets came with the same version
-    labeled = read_array(reader, LABELED, sized)
+    labeled = read_array(reader, LABELED)
     force_plates = read_section(reader, None if sized else walk_channels)
     devices = read_section(reader, None if sized else walk_channels)
     is_newer = sized and version[:2] > NEWEST_KNOWN
@@ -205,7 +206,7 @@ def _decode_old(reader: Reader, version: Version) -> Frame:
     """Decode NatNet 2.9 to 2.11, which has no sizes, no residuals and no stamps, but markers inside of rigid bodies."""
     number = reader.integer()
     marker_sets = read_marker_sets(reader, sized=False)
-    other = read_array(reader, POINT, sized=False)
+    other = reader.array(POINT)
     bodies, body_markers = read_bodies_with_markers(reader)
     skeletons = read_section(reader, walk_skeleton_with_markers)
     labeled = read_labeled_without_residual(reader)

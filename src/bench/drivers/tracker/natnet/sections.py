@@ -27,11 +27,11 @@ __all__ = [
     "pack_labeled_without_residual",
     "pack_marker_sets",
     "pack_section",
-    "read_array",
     "read_bodies_with_markers",
     "read_labeled_without_residual",
     "read_marker_sets",
     "read_section",
+    "read_sized_array",
     "walk_channels",
     "walk_skeleton",
     "walk_skeleton_with_markers",
@@ -48,7 +48,6 @@ BODY = np.dtype(
 )
 """Pose of one rigid body; bit 0 of its params: tracking is valid."""
 POINT = np.dtype(("<f4", (3,)))
-POINT_BYTES = POINT.itemsize
 POSE_BYTES = 32
 """Number, position and quaternion of a rigid body, after which NatNet 2 has its markers."""
 BODY_END_BYTES = BODY.itemsize - POSE_BYTES
@@ -79,11 +78,9 @@ class Section:
 EMPTY = Section()
 
 
-def read_array(reader: Reader, dtype: np.dtype[Any], sized: bool) -> npt.NDArray[Any]:
-    """Read a section of items of equal size without copying; a newer version's larger items are cut to what we know."""
+def read_sized_array(reader: Reader, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Read items of equal size without copying; a newer version's larger items are cut to what we know."""
     item_bytes = dtype.itemsize
-    if not sized:
-        return reader.array(dtype, item_bytes)
     count = reader.count(item_bytes)
     size = reader.count(1)
     start = reader.advance(size)
@@ -110,7 +107,7 @@ def read_marker_sets(reader: Reader, sized: bool) -> tuple[MarkerSet, ...]:
 
 
 def _read_marker_set(reader: Reader) -> MarkerSet:
-    return MarkerSet(reader.text(), reader.array(POINT, POINT_BYTES))
+    return MarkerSet(reader.text(), reader.array(POINT))
 
 
 def read_section(reader: Reader, walk: Callable[[Reader], None] | None) -> Section:
@@ -147,7 +144,7 @@ def walk_channels(reader: Reader) -> None:
 
 def read_labeled_without_residual(reader: Reader) -> npt.NDArray[np.void]:
     """Read the labeled markers of NatNet 2: their residual is NaN."""
-    found = read_array(reader, LABELED_WITHOUT_RESIDUAL, sized=False)
+    found = reader.array(LABELED_WITHOUT_RESIDUAL)
     labeled = np.empty(len(found), dtype=LABELED)
     for name in LABELED_WITHOUT_RESIDUAL.names or ():
         labeled[name] = found[name]

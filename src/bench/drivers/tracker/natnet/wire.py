@@ -167,8 +167,9 @@ class Reader:
             )
         return n
 
-    def array(self, dtype: np.dtype[Any], item_bytes: int) -> npt.NDArray[Any]:
+    def array(self, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
         """Read how many items follow, and the items, without copying them."""
+        item_bytes = dtype.itemsize
         n = self.count(item_bytes)
         start = self.offset
         self.offset = start + n * item_bytes
