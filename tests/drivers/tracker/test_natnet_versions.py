@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from natnet_recording import packets_of, stored
 
 from bench.drivers.tracker.natnet.bitstream import DOUBTFUL_FAILURES, Bitstream
-from bench.drivers.tracker.natnet.frame import NO_STAMP, Frame, Section, decode_frame, encode_frame
+from bench.drivers.tracker.natnet.frame import BITSTREAM_CHANGED, NO_STAMP, Frame, Section, decode_frame, encode_frame
 from bench.drivers.tracker.natnet.models import RigidBodyModel, decode_models, encode_models
 from bench.drivers.tracker.natnet.records import capture_stamp
 from bench.drivers.tracker.natnet.wire import Message
@@ -146,11 +146,19 @@ def test_when_no_frame_can_be_read_any_more_the_version_is_in_doubt() -> None:
     bitstream = Bitstream((4, 1, 0, 0))
     bitstream.decode_frame(encode_frame(real_frame(), (4, 1))[4:])
     old = encode_frame(old_frame(), (2, 10))[4:]
-    for _ in range(DOUBTFUL_FAILURES):
-        with pytest.raises(ProtocolError):
+    for _ in range(DOUBTFUL_FAILURES - 1):
+        with pytest.raises(ProtocolError, match=r"not of version 4\.1, as those before it"):
             bitstream.decode_frame(old)
     assert bitstream.decode_frame(old).timestamp_s == 1356.125
     assert bitstream.version == (2, 10)
+
+
+def test_the_first_frame_of_another_version_says_so_itself() -> None:
+    bitstream = Bitstream((4, 1, 0, 0))
+    bitstream.decode_frame(encode_frame(real_frame(), (4, 1))[4:])
+    changed = replace(real_frame(), params=BITSTREAM_CHANGED)
+    assert bitstream.decode_frame(encode_frame(changed, (3, 0))[4:]).frame_number == changed.frame_number
+    bitstream.decode_frame(encode_frame(real_frame(), (3, 0))[4:])
 
 
 def test_broken_frames_among_good_ones_cast_no_doubt() -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from bench.drivers.tracker.natnet.frame import Frame, decode_frame
+from bench.drivers.tracker.natnet.frame import BITSTREAM_CHANGED, Frame, decode_frame
 from bench.drivers.tracker.natnet.models import Model, decode_models
-from bench.drivers.tracker.natnet.wire import Version
+from bench.drivers.tracker.natnet.wire import Version, dotted
 from bench.errors import ProtocolError
 
 __all__ = ["WANTED_VERSION", "Bitstream"]
@@ -14,8 +14,8 @@ WANTED_VERSION: Version = (4, 1, 0, 0)
 CHOOSING_SINCE = (4, 0)
 LAYOUTS: tuple[Version, ...] = ((4, 1), (4, 0), (2, 10))
 """One version of each layout of frames: with sizes, without (3.0 to 4.0), without stamps (2.9 and 2.10)."""
-DOUBTFUL_FAILURES = 10
-"""Frames in a row that cannot be read, after which the version is in doubt: links do not break packets in a row."""
+DOUBTFUL_FAILURES = 3
+"""Frames in a row that are of another version after all: what breaks on its way does not look like one so often."""
 
 
 class Bitstream:
@@ -57,12 +57,20 @@ class Bitstream:
         try:
             frame = decode_frame(payload, self._candidates[0])
         except ProtocolError:
-            self._n_failures += 1
-            if self._n_failures >= DOUBTFUL_FAILURES:
-                self.doubt()
-            raise
+            return self._decode_unexpected(payload)
         self._n_failures = 0
         return frame
+
+    def _decode_unexpected(self, payload: bytes) -> Frame:
+        """Decode a frame that is not of the proven version: broken, or the first of another, which says so itself."""
+        self._n_failures += 1
+        proven = self._candidates[0]
+        frame = self._first_that_fits(payload)
+        if frame.params & BITSTREAM_CHANGED or self._n_failures >= DOUBTFUL_FAILURES:
+            self._n_failures = 0
+            return frame
+        self._prefer(proven)
+        raise ProtocolError(f"A NatNet frame is not of version {dotted(proven)}, as those before it.")
 
     def doubt(self) -> None:
         """Try all versions again: the server says that it changed the bitstream, or no frame can be read any more."""
@@ -89,7 +97,10 @@ class Bitstream:
             except ProtocolError as error:
                 first_error = first_error or error
                 continue
-            self._candidates.remove(version)
-            self._candidates.insert(0, version)
+            self._prefer(version)
             return frame
         raise first_error or ProtocolError("A NatNet frame is of no known version.")
+
+    def _prefer(self, version: Version) -> None:
+        self._candidates.remove(version)
+        self._candidates.insert(0, version)
