@@ -105,10 +105,16 @@ def _rate_clocks(condition: str, clock: DeviceClock, stream: dict[str, Any]) -> 
     true = _true_ns(clock, ticks)
     segment = np.zeros(len(ticks), dtype=np.int64)
     hull = align_by_arrival(ticks, arrival, arrival, segment, 1.0).host_ns
-    x, late = (ticks - ticks[0]).astype(float), (arrival - arrival[0] - (ticks - ticks[0])).astype(float)
+    woken = stream["woken_ns"]  # as everybody else stamps
+    base = woken[0] + ticks - ticks[0]
+    x, late = (ticks - ticks[0]).astype(float), (woken - base).astype(float)
     line = np.polyval(np.polyfit(x, late, 1), x)
-    base = arrival[0] + ticks - ticks[0]
-    peers = {"raw arrival": arrival, "least squares": base + line, "one offset": base + late.min()}
+    peers = {
+        "the program's own stamps": align_by_arrival(ticks, woken, woken, segment, 1.0).host_ns,
+        "raw arrival": woken,
+        "least squares": base + line,
+        "one offset": base + late.min(),
+    }
     ours = _error_us(hull, true)
     rows = [
         Row(

@@ -85,6 +85,24 @@ class Load:
         self.cpu_s = time.thread_time()
 
 
+def stamp_twice() -> dict[int, int]:
+    """Make our reader note when the program was woken, by the stamp that it gives; where that is the kernel's."""
+    from bench.drivers.receive import KERNEL, StampedSocket
+    from bench.drivers.robot.ur import link
+
+    woken: dict[int, int] = {}
+
+    class TwiceStamped(StampedSocket):
+        def receive(self) -> tuple[bytes, object, int]:
+            data, sender, arrival_ns = super().receive()
+            if self.stamped_by == KERNEL:
+                woken[arrival_ns] = self._clock.now_ns()
+            return data, sender, arrival_ns
+
+    link.StampedSocket = TwiceStamped
+    return woken
+
+
 def read_ours(host: str, clock_text: str, seconds: str, busy: str, output: str) -> None:
     from bench.config import RobotConfig
     from bench.drivers.robot.ur.state import UrStateStream
@@ -97,6 +115,7 @@ def read_ours(host: str, clock_text: str, seconds: str, busy: str, output: str) 
         if isinstance(record, RobotState):
             states.append(record)
 
+    woken = stamp_twice()
     stream = UrStateStream(RobotConfig(host=host, program="bend_test.urp", rate_hz=HZ), RunClock.from_text(clock_text))
     load = Load(busy == "1")
     stream.open(keep)
@@ -106,6 +125,7 @@ def read_ours(host: str, clock_text: str, seconds: str, busy: str, output: str) 
     names = ("arrival_ns", "controller_time_s", "cycle_count", "cycle_running", "runtime_state", "digital_outputs")
     columns = {name: np.array([getattr(state, name) for state in states]) for name in names}
     joints = {name: np.array([getattr(state, name) for state in states]) for name in ("q_rad", "qd_rad_s")}
+    columns["woken_ns"] = np.array([woken.get(state.arrival_ns, state.arrival_ns) for state in states])
     np.savez(output, **columns, **joints)
     _tell(columns["controller_time_s"], cpu_s)
 

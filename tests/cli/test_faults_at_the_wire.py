@@ -79,6 +79,18 @@ def test_every_hold_and_its_reason_is_in_the_file(night: Night) -> None:
     assert said.count("Over: robot link lost.") >= 3
 
 
+def test_the_last_packets_of_each_lost_link_are_beside_the_run_file_and_named(night: Night) -> None:
+    files = sorted(night.run.path.parent.glob("a.*-packets-*.txt"))
+    devices = [path.name.split("-")[0] for path in files]
+    assert devices.count("a.robot") >= 3
+    assert devices.count("a.tracker") >= 1
+    said = "\n".join(str(text) for text in night.run["/log"].text)
+    for path in files:
+        assert f"packets of the link are in {path}." in said
+        assert " < " in path.read_text(encoding="utf-8")
+    assert f"packets of the link are in {files[0]}." in night.out
+
+
 def marked_cycles(run: Run) -> list[int]:
     events = run["/cycle/event"]
     return events.cycle_index[events.kind == 3].tolist()

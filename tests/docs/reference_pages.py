@@ -81,7 +81,7 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.run` | run id, format version, library versions, start |
 | `bench.facts` | name, sample, operator, computer, whether the bench was simulated |
 | `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
-| `bench.device.robot`, `bench.device.tracker` | what each device said of itself |
+| `bench.device.robot`, `bench.device.tracker` | what each device said of itself, and who stamps its arrivals |
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |

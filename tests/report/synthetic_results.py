@@ -139,7 +139,7 @@ def make_results(n_cycles: int = 20, per_cycle: int = 50, **changes: Any) -> Res
             StreamFinding("/tracker/points", 100.0, 4000, 4000, 0, 0),
         ],
         clocks=[
-            ClockFinding("robot", 0, "lower convex hull", 1_772_650_000.123456, 24.97, 71.0, 5000),
+            ClockFinding("robot", 0, "lower convex hull", 1_772_650_000.123456, 24.97, 71.0, 5000, stamped_by="kernel"),
             ClockFinding("tracker", 0, "echoes", 1_772_640_000.5, -42.05, 12.0, 400),
         ],
         analysis_s=0.8,

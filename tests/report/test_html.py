@@ -203,6 +203,12 @@ def test_an_unfinished_recording_is_said_so_first():
     assert "truncated at byte 4711" in text
 
 
+def test_the_table_of_clocks_says_who_stamped_the_arrivals():
+    page = render_report(make_results(3))
+    assert "<td>lower convex hull, arrivals by the kernel</td>" in page
+    assert "<td>echoes</td>" in page
+
+
 def test_no_cycle_no_stream_no_clock_and_no_example_are_each_said():
     results = make_results(
         0, example=None, streams=[], clocks=[], bend_map_per_m=np.full((100, GRID_M.size), np.nan), run_facts={}

@@ -82,6 +82,12 @@ def test_the_curvature_is_the_cables(good: tuple[Results, np.ndarray]) -> None:
     assert np.isfinite(results.example.curve_m).all()
 
 
+def test_who_stamped_the_arrivals_is_told_of_each_clock(tmp_path: Path) -> None:
+    robot = DeviceInfo("robot", "ur", "192.0.2.10", detail={"stamped_by": "kernel"})
+    results, _ = analyse(tmp_path, RunSpec(n_cycles=1, devices=[robot]))
+    assert [(clock.device, clock.stamped_by) for clock in results.clocks] == [("robot", "kernel"), ("tracker", "")]
+
+
 def test_streams_clocks_and_methods_are_stated(good: tuple[Results, np.ndarray]) -> None:
     results, _ = good
     streams = {stream.topic: stream for stream in results.streams}

@@ -36,10 +36,10 @@ from bench.config.models import (
     CycleConfig,
     RobotConfig,
     RunConfig,
-    TrackerConfig,
 )
 from bench.config.policy import PolicyConfig
 from bench.config.simulation import SimulationConfig
+from bench.config.tracker import TrackerConfig
 
 __all__ = [
     "Acknowledge",

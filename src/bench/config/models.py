@@ -15,6 +15,7 @@ from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
 from bench.config.section import Section
 from bench.config.simulation import SimulationConfig
+from bench.config.tracker import TrackerConfig
 
 __all__ = [
     "AnalysisConfig",
@@ -25,7 +26,6 @@ __all__ = [
     "CycleConfig",
     "RobotConfig",
     "RunConfig",
-    "TrackerConfig",
 ]
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
@@ -145,15 +145,6 @@ AnyRobotConfig = Annotated[
     Annotated[RobotConfig, Tag("ur")] | Annotated[ModbusRobotConfig, Tag("modbus")],
     Discriminator(_kind_of, custom_error_type="unknown_kind", custom_error_message="Input should be 'ur' or 'modbus'"),
 ]
-
-
-class TrackerConfig(Section):
-    """The optical tracker."""
-
-    kind: Literal["natnet"] = Field("natnet", description="OptiTrack Motive, NatNet unicast.")
-    host: str = Field(min_length=1, description="Address of the PC that runs Motive.")
-    command_port: int = Field(1510, ge=1, le=65535, description="NatNet command port.")
-    local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
 
 
 class AnchorConfig(Section):

@@ -18,6 +18,8 @@ class StampKind(IntEnum):
     """Frame index over the take's exact export rate (imported files)."""
     FILE_TIME = 3
     """The time written in an imported file."""
+    SOFTWARE_TIME = 4
+    """Nanoseconds since the tracker's software started (NatNet 2, which has no camera stamps)."""
 
 
 class ClockSource(IntEnum):

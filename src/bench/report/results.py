@@ -88,6 +88,8 @@ class ClockFinding:
     residual_p50_us: float = float("nan")
     """Median distance of the evidence from the line: of arrivals, how late they came."""
     residual_p99_us: float = float("nan")
+    stamped_by: str = ""
+    """Who stamped the arrivals: the `kernel`, or the `program` when it was woken; empty where it is not recorded."""
 
 
 @dataclass(frozen=True, eq=False)

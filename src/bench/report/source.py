@@ -19,7 +19,7 @@ from bench.analysis import (
     count_cycles,
     find_gaps,
 )
-from bench.model import ClockSource, CycleEventKind
+from bench.model import ClockSource, CycleEventKind, StampKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding
 
@@ -139,7 +139,7 @@ def read_frames(run: Run) -> TrackerFrames:
         flags=points.flags,
         bodies=_read_bodies(run),
         gaps=find_gaps(number[order], segment[order], clock.host_ns[order]),
-        clocks=_findings("tracker", clock),
+        clocks=_findings("tracker", clock, run),
     )
 
 
@@ -171,16 +171,19 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     # the field and not the message's own number, which is 32 bits wide
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
-    return RobotSamples(source, counter, speed_rad_s, gaps, _findings("robot", clock))
+    return RobotSamples(source, counter, speed_rad_s, gaps, _findings("robot", clock, run))
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
     frame, samples = run[FRAME], run[CLOCK]
+    ticks, capture_ns = _ints(frame.device_ticks), _ints(frame.capture_ns)
+    if len(ticks) and (frame.stamp == StampKind.SOFTWARE_TIME).all():  # nanoseconds of a clock that answers nothing
+        return align_by_arrival(ticks, _ints(frame.arrival_ns), capture_ns, segment, 1.0)
     asked = np.flatnonzero(samples.source == ClockSource.TRACKER)
     frequency = samples.ticks_per_s[asked]
     return align_by_echo(
-        _ints(frame.device_ticks),
-        _ints(frame.capture_ns),
+        ticks,
+        capture_ns,
         segment,
         _ints(samples.segment)[asked],
         _ints(samples.send_ns)[asked],
@@ -197,7 +200,8 @@ def _read_bodies(run: Run) -> BodyPoses:
     return BodyPoses(_ints(poses.frame_index), _ints(poses.body_id), position, poses.quaternion_xyzw)
 
 
-def _findings(device: str, clock: AlignedClock) -> list[ClockFinding]:
+def _findings(device: str, clock: AlignedClock, run: Run) -> list[ClockFinding]:
+    stamped_by = next((info.detail.get("stamped_by", "") for info in run.devices if info.device == device), "")
     return [
         ClockFinding(
             device,
@@ -209,6 +213,7 @@ def _findings(device: str, clock: AlignedClock) -> list[ClockFinding]:
             s.n_samples,
             s.residual_p50_us,
             s.residual_p99_us,
+            stamped_by,
         )
         for s in clock.segments
     ]

@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 from bench.analysis import CycleFollower, make_cycle_source
 from bench.config import AnyRobotConfig, Config, TrackerConfig
 from bench.drivers.base import ProgramControl
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot import make_program_control, make_state_stream
 from bench.drivers.tracker import make_tracker
 from bench.errors import BenchError, ConfigError, PreflightError
@@ -54,6 +56,8 @@ class BenchLinks:
         Free space on the run file's disk, and the size of the run file so far.
     first_cycle_index : int, optional
         Cycles of the run that is gone on with.
+    packets : Path, optional
+        Where the last packets go of a link that ends badly: ``PACKETS.robot-packets-1.txt``.
     """
 
     program: ProgramControl
@@ -70,6 +74,7 @@ class BenchLinks:
         free_bytes: Callable[[], int] = lambda: sys.maxsize,
         written: Callable[[], int] = int,
         first_cycle_index: int = 0,
+        packets: Path | None = None,
     ) -> None:
         robot, tracker = require_devices(config)
         self._robot_config, self._clock = robot, clock
@@ -91,8 +96,11 @@ class BenchLinks:
             on_lost=self._report_loss,
             on_restored=self._report_restored,
             reconnect_s=0.0 if config.policy.robot_link_lost == "abort" else config.policy.hold_timeout_s,
+            flight=FlightRecorder("robot", clock, packets),
         )
-        self.tracker = make_tracker(tracker, clock, on_missed=on_missed)
+        self.tracker = make_tracker(
+            tracker, clock, on_missed=on_missed, flight=FlightRecorder("tracker", clock, packets)
+        )
 
     def open(self, closing: Closing) -> list[DeviceInfo]:
         """Connect to everything, and report everything that cannot be reached at once.

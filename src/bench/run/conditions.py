@@ -68,5 +68,5 @@ class Condition:
 
 def describe_lost_link(error: BenchError, host_ns: int) -> Condition:
     """Return the condition of a robot that cannot be heard, or not be granted a cycle."""
-    advice = "Look at the robot and its network cable; it goes on when the robot answers again."
+    advice = f"{error.hint or 'Look at the robot and its network cable.'} It goes on when the robot answers again."
     return Condition(ConditionKind.ROBOT_LINK_LOST, host_ns, str(error.args[0]), advice, LinkLostError)

@@ -117,7 +117,7 @@ def check(config: Config, view: RunView, speed: float = 1.0) -> list[Item]:
     with Closing() as closing:
         states.enter(RunState.CONNECTING)
         _start_simulator(config, clock, None, closing, view)
-        links = BenchLinks(config, clock, inbox, _discard)
+        links = BenchLinks(config, clock, inbox, _discard, packets=_default_path(config, clock).with_suffix(""))
         links.open(closing)
         states.enter(RunState.CHECKING)
         items = _check(config, links, clock, Path(config.run.output_dir), None)
@@ -219,6 +219,7 @@ class _Session:
             free_bytes=lambda: shutil.disk_usage(self._path.parent).free,
             written=lambda: writer.bytes_written,
             first_cycle_index=self._options.n_before,
+            packets=self._path.with_suffix(""),
         )
         for info in links.open(self._closing):
             writer.add_device(info)

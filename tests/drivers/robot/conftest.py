@@ -165,7 +165,7 @@ def scripted() -> Iterator[Callable[..., ScriptedServer]]:
 class RtdeScript:
     """A controller that answers the handshake as told, then does `after(link, names, types)`."""
 
-    def __init__(self, *, unknown=(), in_use=False, starts=True, protocol=True, version=(5, 15, 0, 0), after=None):
+    def __init__(self, *, unknown=(), in_use=False, starts=True, protocol=True, version=(5, 26, 0, 0), after=None):
         self.unknown = unknown
         self.in_use = in_use
         self.starts = starts
@@ -174,6 +174,7 @@ class RtdeScript:
         self.after = after
         self.before_start = None
         self.rate_hz = None
+        self.asked = []
         self.written = []
 
     def __call__(self, link):
@@ -189,6 +190,7 @@ class RtdeScript:
             self._send(link, kind, encode_controller_version(self.version))
         elif kind == "O":
             self.rate_hz, self.names = decode_output_setup(payload, 2)
+            self.asked.append(self.names)
             self.types = ["NOT_FOUND" if name in self.unknown else OUTPUT_TYPES[name] for name in self.names]
             self._send(link, kind, encode_setup_reply(1, self.types))
         elif kind == "I":

@@ -1,19 +1,26 @@
 from __future__ import annotations
 
+import math
 import threading
+from dataclasses import replace
+from functools import partial
 
 import pytest
 
 from bench.config import CycleConfig
+from bench.drivers.receive import KERNEL, KERNEL_STAMPS, PROGRAM, StampedSocket
 from bench.drivers.robot import make_state_stream
+from bench.drivers.robot.ur import link as ur_link
 from bench.drivers.robot.ur.codec import PackageType, TextMessage, encode_frame, encode_text
 from bench.drivers.robot.ur.recipe import Recipe
 from bench.drivers.robot.ur.state import UrStateStream
 from bench.errors import ConnectError, DeviceStateError, LinkLostError, ProtocolError
 from bench.model import Severity
+from bench.simulation.ur.kinds import E_SERIES
 from bench.simulation.ur.variables import initial_values
 
 FAULTY = "127.0.31.1"
+TOO_OLD = "The controller 127.0.31.2:30004 has software 5.15.0, too old for control_step (since 5.26.0); left out."
 
 
 def package(names, types, time_s):
@@ -49,14 +56,29 @@ def test_every_tick_of_the_simulated_controller_arrives_in_order(start_controlle
     assert (samples[0].robot_mode, samples[0].safety_status, samples[0].runtime_state) == (7, 1, 1)
     assert (info.device, info.kind, info.address, info.rate_hz) == ("robot", "ur", "127.0.31.2:30004", 125.0)
     assert info.version.startswith("5.15.")
-    assert not sink.logs
+    assert [entry.text for entry in sink.logs] == [TOO_OLD]
+    assert sink.logs[0].severity == Severity.INFO
+    assert info.detail["left_out"] == "control_step"
+
+
+@pytest.mark.parametrize(("option", "by"), [(KERNEL_STAMPS, KERNEL if KERNEL_STAMPS else PROGRAM), (None, PROGRAM)])
+def test_the_device_says_who_stamps_its_arrivals(
+    start_controller, open_stream, make_config, sink, monkeypatch, option, by
+):
+    monkeypatch.setattr(ur_link, "StampedSocket", partial(StampedSocket, option=option))
+    start_controller("127.0.31.2")
+    _, info = open_stream(make_config("127.0.31.2"))
+    assert info.detail["stamped_by"] == by
+    sink.wait_for(lambda: len(sink.samples) >= 20)
+    arrivals = [sample.arrival_ns for sample in sink.samples]
+    assert arrivals == sorted(arrivals)
 
 
 def test_a_slower_rate_gives_each_nth_tick(start_controller, open_stream, make_config, sink):
     start_controller("127.0.31.2")
     open_stream(make_config("127.0.31.2", rate_hz=25.0))
     sink.wait_for(lambda: len(sink.samples) >= 10)
-    assert not sink.logs
+    assert [entry.text for entry in sink.logs] == [TOO_OLD]
     assert {round(sample.controller_time_s * 125) % 5 for sample in sink.samples} == {0}
 
 
@@ -163,11 +185,49 @@ def test_unknown_outputs_are_left_out_and_told(scripted, open_stream, make_confi
     server = scripted(FAULTY, script)
     _, info = open_stream(make_config(FAULTY, rtde_port=server.port, rate_hz=500.0))
     sink.wait_for(lambda: sink.samples)
-    assert info.detail["left_out"] == "actual_TCP_force,safety_status"
+    assert info.detail["left_out"] == "actual_TCP_force,payload,payload_cog,safety_status,tcp_offset"
     assert "safety_mode" in info.detail["recipe"]
     assert info.rate_hz == script.rate_hz == 125.0
-    assert "does not give actual_TCP_force, safety_status" in sink.logs[0].text
+    too_new = (
+        "software 3.5.0, too old for payload (since 3.11.0), payload_cog (since 3.11.0), tcp_offset (since 3.12.0)"
+    )
+    assert too_new in sink.logs[0].text
+    assert "does not give actual_TCP_force, safety_status; left out." in sink.logs[1].text
+    assert [entry.severity for entry in sink.logs] == [Severity.INFO, Severity.WARN]
+    assert not {"payload", "payload_cog", "tcp_offset"}.intersection(*script.asked)
     assert sink.samples[0].safety_status == 1
+
+
+@pytest.mark.parametrize(
+    ("version", "left_out"),
+    [
+        ((5, 4, 2, 0), "control_step,payload,payload_cog,tcp_offset"),
+        ((5, 26, 0, 0), ""),
+        ((10, 12, 9, 0), "control_step"),
+        ((10, 13, 0, 0), ""),
+        ((11, 0, 0, 0), ""),
+    ],
+)
+def test_what_a_version_is_known_to_lack_is_not_asked_for_and_the_rest_is(
+    scripted, open_stream, make_config, rtde_script, version, left_out
+):
+    script = rtde_script(version=version)
+    server = scripted(FAULTY, script)
+    _, info = open_stream(make_config(FAULTY, rtde_port=server.port))
+    assert info.detail["left_out"] == left_out
+    (asked,) = script.asked
+    assert {"control_step", "payload", "payload_cog", "tcp_offset"} - set(asked) == set(
+        filter(None, left_out.split(","))
+    )
+
+
+def test_our_driver_agrees_with_a_simulated_controller_of_any_version(start_controller, open_stream, make_config, sink):
+    start_controller("127.0.31.2", kind=replace(E_SERIES, version=(5, 4, 0, 0)))
+    _, info = open_stream(make_config("127.0.31.2"))
+    sink.wait_for(lambda: sink.samples)
+    assert info.detail["left_out"] == "control_step,payload,payload_cog,tcp_offset"
+    assert math.isnan(sink.samples[0].payload_kg)
+    assert sink.samples[0].control_step == -1
 
 
 @pytest.mark.parametrize("name", ["timestamp", "output_int_register_24", "output_int_register_25"])
@@ -213,7 +273,7 @@ def test_a_closed_controller_is_a_lost_link(start_controller, open_stream, make_
     error = losses.wait()
     assert isinstance(error, LinkLostError)
     assert "127.0.31.2:30004" in str(error)
-    assert [entry.severity for entry in sink.logs] == [Severity.ERROR]
+    assert [entry.severity for entry in sink.logs] == [Severity.INFO, Severity.ERROR]
     stream.close()
     with pytest.raises(LinkLostError, match="not open"):
         stream.grant_cycles(1)
@@ -260,7 +320,7 @@ def test_closing_is_quiet_and_may_be_repeated(start_controller, open_stream, mak
     stream.close()
     stream.close()
     assert not losses.errors
-    assert not sink.logs
+    assert [entry.text for entry in sink.logs] == [TOO_OLD]
 
 
 def test_an_open_stream_cannot_be_opened_again(start_controller, open_stream, make_config, sink):

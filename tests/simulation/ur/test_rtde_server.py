@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import socket
 import struct
+from dataclasses import replace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -23,7 +24,9 @@ from bench.drivers.robot.ur.codec import (
     encode_text,
 )
 from bench.drivers.robot.ur.recipe import Recipe
+from bench.drivers.robot.ur.versions import SINCE
 from bench.simulation.program import PathProgram
+from bench.simulation.ur.kinds import E_SERIES
 from bench.simulation.ur.machine import CycleRegisters, Machine
 from bench.simulation.ur.outbox import Outbox
 from bench.simulation.ur.rtde import RtdeServer, RtdeSession
@@ -154,6 +157,24 @@ def test_an_unknown_output_is_marked_in_its_place_and_refuses_the_recipe(world):
     assert client.outputs(["timestamp", "no_such", "actual_q"]) == (0, ["DOUBLE", "NOT_FOUND", "VECTOR6D"])
     assert not decode_accepted(client.ask(PackageType.START))
     assert client.outputs(["timestamp", "robot_mode"]) == (1, ["DOUBLE", "INT32"])
+
+
+@pytest.mark.parametrize(
+    ("version", "lacks"),
+    [
+        ((3, 10, 0, 0), {"tcp_offset", "payload", "payload_cog", "payload_inertia"}),
+        ((5, 15, 0, 0), {"actual_current_as_torque", "control_step"}),
+        ((5, 26, 0, 0), set()),
+        ((10, 12, 0, 0), {"control_step"}),
+    ],
+)
+def test_outputs_that_came_after_the_version_are_not_found(world, version, lacks):
+    world.server.machine.kind = replace(E_SERIES, version=version)
+    client = world.connect().version_2()
+    for name in SINCE:
+        recipe_id, types = client.outputs(["timestamp", name])
+        assert (types[1] == "NOT_FOUND") == (name in lacks), name
+        assert recipe_id == (0 if name in lacks else 1)
 
 
 def test_protocol_version_1_has_neither_rate_nor_recipe_number(world):

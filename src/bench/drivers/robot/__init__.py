@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 from bench.config import AnyRobotConfig, RobotConfig
 from bench.drivers.base import ProgramControl, SignalWatch, StateStream
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot.modbus import ModbusProgram, ModbusSignalWatch, ModbusStateStream
 from bench.drivers.robot.ur.program import UrDashboardProgram
 from bench.drivers.robot.ur.robot_api import RobotApiProgram
@@ -28,6 +30,7 @@ def make_state_stream(
     on_lost: Callable[[LinkLostError], None] | None = None,
     on_restored: Callable[[], None] | None = None,
     reconnect_s: float = 0.0,
+    flight: FlightRecorder | None = None,
 ) -> StateStream:
     """Return the state stream of the configured robot, not yet open.
 
@@ -45,14 +48,14 @@ def make_state_stream(
         Called once for each lost link that is back; from the reader thread.
     reconnect_s : float
         How long to try to reconnect after each loss, machine time; 0: a loss is final.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the link ends badly.
     """
+    keys: dict[str, Any] = {"on_missed": on_missed, "on_lost": on_lost, "on_restored": on_restored}
+    keys |= {"reconnect_s": reconnect_s, "flight": flight}
     if config.kind == "ur":
-        return UrStateStream(
-            config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
-        )
-    return ModbusStateStream(
-        config, clock, on_missed=on_missed, on_lost=on_lost, on_restored=on_restored, reconnect_s=reconnect_s
-    )
+        return UrStateStream(config, clock, **keys)
+    return ModbusStateStream(config, clock, **keys)
 
 
 def make_program_control(config: AnyRobotConfig, clock: Clock, *, controller_version: str = "") -> ProgramControl:

@@ -12,7 +12,7 @@ class ControllerKind:
     """One generation."""
 
     version: tuple[int, int, int, int]
-    """Of its software: major, minor, bugfix, build."""
+    """Of its software: major, minor, bugfix, build. It has no outputs that came later."""
     rate_hz: float
     """Its own tick."""
     has_remote_control: bool

@@ -24,6 +24,7 @@ from bench.drivers.robot.ur.codec import (
     encode_text,
 )
 from bench.drivers.robot.ur.recipe import Recipe
+from bench.drivers.robot.ur.versions import find_since
 from bench.errors import ProtocolError
 from bench.simulation.ur.machine import Machine
 from bench.simulation.ur.outbox import Outbox
@@ -161,7 +162,7 @@ class RtdeSession:
     def _set_up_outputs(self, payload: bytes) -> None:
         """Set up a recipe in the place of any earlier one; one unknown name refuses the whole of it."""
         rate_hz, names = decode_output_setup(payload, self._protocol)
-        types = [OUTPUT_TYPES.get(name, NOT_FOUND) for name in names]
+        types = [self._output_type(name) for name in names]
         is_refused = not self._fits(payload) or NOT_FOUND in types or not names
         self._is_started = False
         recipe_id = 1 if self._protocol == 2 else None
@@ -169,6 +170,10 @@ class RtdeSession:
         self._every = max(1, round(self._server.rate_hz / rate_hz)) if rate_hz >= 1.0 else round(self._server.rate_hz)
         refused_id = 0 if self._protocol == 2 else None
         self._reply(PackageType.SETUP_OUTPUTS, encode_setup_reply(refused_id if is_refused else recipe_id, types))
+
+    def _output_type(self, name: str) -> str:
+        is_too_new = find_since(name, self._server.machine.kind.version) != ""
+        return NOT_FOUND if is_too_new else OUTPUT_TYPES.get(name, NOT_FOUND)
 
     def _fits(self, payload: bytes) -> bool:
         if len(payload) <= NAME_LIST_LIMIT + 8:

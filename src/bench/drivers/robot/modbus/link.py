@@ -59,15 +59,25 @@ class ModbusLink:
         Limit on connecting and on each answer, in the machine's own seconds.
     retries : int
         How often a request without an answer is sent again.
+    trace : callable, optional
+        Given (is_sent, bytes) of each packet, which it returns.
     """
 
-    def __init__(self, host: str, port: int, unit_id: int, timeout_s: float, retries: int) -> None:
+    def __init__(
+        self,
+        host: str,
+        port: int,
+        unit_id: int,
+        timeout_s: float,
+        retries: int,
+        trace: Callable[[bool, bytes], bytes] | None = None,
+    ) -> None:
         self.peer = f"Modbus controller {host}:{port}"
         self._unit_id = unit_id
         self._timeout_s = timeout_s
         self._retries = retries
         self._lock = threading.Lock()
-        self._client: Any = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=retries)
+        self._client: Any = ModbusTcpClient(host, port=port, timeout=timeout_s, retries=retries, trace_packet=trace)
 
     def connect(self) -> None:
         """Connect. `ConnectError` if nobody answers there."""

@@ -8,11 +8,12 @@ from collections.abc import Callable
 
 from bench.config import ModbusRobotConfig
 from bench.drivers.base import RecordSink
+from bench.drivers.flight import FlightRecorder
 from bench.drivers.robot.modbus.heartbeat import Beater, BeatWatch
 from bench.drivers.robot.modbus.link import ModbusLink
 from bench.drivers.robot.modbus.samples import SampleMaker, read_signals
 from bench.drivers.robot.modbus.signals import SignalReader, write_signal
-from bench.errors import DeviceError, DeviceStateError, LinkLostError
+from bench.errors import DeviceError, DeviceStateError, DeviceTimeoutError, LinkLostError, ProtocolError
 from bench.model import DeviceInfo, LogEntry, Severity
 from bench.timing import Clock, patience_ns
 
@@ -53,6 +54,8 @@ class ModbusStateStream:
         How long to go on polling after a loss; 0: a loss is final.
     silence_s : float
         A link without an answer for so long is lost.
+    flight : FlightRecorder, optional
+        Keeps the last packets for the day on which the link ends badly.
     """
 
     def __init__(
@@ -65,6 +68,7 @@ class ModbusStateStream:
         on_restored: Callable[[], None] | None = None,
         reconnect_s: float = 0.0,
         silence_s: float = SILENCE_S,
+        flight: FlightRecorder | None = None,
     ) -> None:
         self._config = config
         self._clock = clock
@@ -73,7 +77,10 @@ class ModbusStateStream:
         self._on_restored = on_restored
         self._reconnect_s = reconnect_s
         self._silence_s = silence_s
-        self._link = ModbusLink(config.host, config.port, config.unit_id, config.timeout_s, config.retries)
+        self._flight = flight or FlightRecorder("robot", clock)
+        self._link = ModbusLink(
+            config.host, config.port, config.unit_id, config.timeout_s, config.retries, self._flight.trace
+        )
         self._reader = SignalReader(config.map, read_signals(config.map))
         out, back = config.map.heartbeat_out, config.map.heartbeat_in
         self._beater = Beater(out, config.map, clock) if out and not config.observe_only else None
@@ -103,8 +110,10 @@ class ModbusStateStream:
             self._maker.make(self._reader.read(self._link, self._clock), 0)
             if not self._config.observe_only:
                 self._write_grant(self._maker, 0)
-        except BaseException:
+        except BaseException as error:
             self._link.close()
+            if isinstance(error, ProtocolError | DeviceTimeoutError | LinkLostError):
+                self._flight.keep(error)
             raise
         self._good_ns, self._good_number = self._clock.now_ns(), -1
         arguments = (self._maker, origin_ns)
@@ -244,7 +253,7 @@ class ModbusStateStream:
     def _report_lost(self, error: LinkLostError) -> None:
         if self._closing.is_set():
             return
-        self._log(Severity.ERROR, str(error))
+        self._log(Severity.ERROR, str(self._flight.keep(error)))
         if self._on_lost is not None:
             self._on_lost(error)
 

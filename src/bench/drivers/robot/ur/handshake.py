@@ -19,6 +19,7 @@ from bench.drivers.robot.ur.codec import (
 from bench.drivers.robot.ur.fields import essential_outputs, wanted_outputs
 from bench.drivers.robot.ur.link import RtdeLink
 from bench.drivers.robot.ur.recipe import Recipe
+from bench.drivers.robot.ur.versions import Version, too_new_outputs
 from bench.errors import DeviceStateError, ProtocolError
 
 __all__ = ["Session", "delivered_rate_hz", "start_session"]
@@ -33,14 +34,14 @@ GRANT_TYPE = "INT32"
 class Session:
     """What was agreed with the controller."""
 
-    version: tuple[int, int, int, int]
+    version: Version
     rate_hz: float
     """Rate that was asked for: the controller's own, or a whole fraction of it."""
     outputs: Recipe
     inputs: Recipe | None
     """The grant register; None where the program waits for no grant: then no register is claimed."""
     left_out: tuple[str, ...]
-    """Outputs this controller does not know."""
+    """Outputs this controller does not know, or was not asked for as its software is too old for them."""
 
 
 def delivered_rate_hz(wanted_hz: float, major: int) -> float:
@@ -71,7 +72,7 @@ def _agree(link: RtdeLink, config: RobotConfig) -> Session:
     _agree_on_protocol(link)
     version = decode_controller_version(link.ask(PackageType.CONTROLLER_VERSION))
     rate_hz = delivered_rate_hz(config.rate_hz, version[0])
-    outputs, left_out = _set_up_outputs(link, config, rate_hz)
+    outputs, left_out = _set_up_outputs(link, config, rate_hz, too_new_outputs(version))
     inputs = _set_up_grant(link, config.cycle.grant_register) if config.cycle.is_granted else None
     if not decode_accepted(link.ask(PackageType.START)):
         raise DeviceStateError(
@@ -88,9 +89,11 @@ def _agree_on_protocol(link: RtdeLink) -> None:
         )
 
 
-def _set_up_outputs(link: RtdeLink, config: RobotConfig, rate_hz: float) -> tuple[Recipe, tuple[str, ...]]:
-    """Ask, and ask again without the names the controller does not know."""
-    unknown: frozenset[str] = frozenset()
+def _set_up_outputs(
+    link: RtdeLink, config: RobotConfig, rate_hz: float, too_new: frozenset[str]
+) -> tuple[Recipe, tuple[str, ...]]:
+    """Ask for all that is not too new, and ask again without the names the controller does not know."""
+    unknown = too_new.intersection(wanted_outputs(config.cycle, frozenset()))
     while True:
         names = wanted_outputs(config.cycle, unknown)
         recipe_id, types = decode_setup_reply(link.ask(PackageType.SETUP_OUTPUTS, encode_output_setup(names, rate_hz)))

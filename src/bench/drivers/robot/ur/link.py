@@ -6,6 +6,8 @@ import socket
 from collections import deque
 from contextlib import suppress
 
+from bench.drivers.flight import FlightRecorder
+from bench.drivers.receive import StampedSocket
 from bench.drivers.robot.ur.codec import Frame, FrameSplitter, PackageType, encode_frame
 from bench.errors import ConnectError, LinkLostError, ProtocolError
 from bench.timing import Clock, patience_ns
@@ -17,7 +19,7 @@ RECEIVE_BYTES = 65_536
 CHECK_HOST = "Check that the controller is on, the cable and [robot] host."
 
 ArrivedFrame = tuple[int, Frame]
-"""Host time of the receive call that completed a frame, and the frame."""
+"""Host time at which the bytes came that completed a frame, and the frame."""
 
 
 class RtdeLink:
@@ -31,17 +33,22 @@ class RtdeLink:
         Stamps what arrives.
     timeout_s : float
         Limit on connecting and on each answer, in the machine's own seconds.
+    flight : FlightRecorder
+        Keeps the last packets.
     """
 
-    def __init__(self, host: str, port: int, clock: Clock, timeout_s: float) -> None:
+    def __init__(self, host: str, port: int, clock: Clock, timeout_s: float, flight: FlightRecorder) -> None:
         self.peer = f"controller {host}:{port}"
         self._clock = clock
         self._timeout_s = timeout_s
+        self._flight = flight
         self._splitter = FrameSplitter()
         self._arrived: deque[ArrivedFrame] = deque()
         self.unasked: list[ArrivedFrame] = []
         """Data packages and texts that came while an answer was awaited, oldest first."""
         self._socket = self._connect(host, port)
+        self.stamps = StampedSocket(self._socket, clock, RECEIVE_BYTES)
+        """Receives, and knows who stamps the arrivals."""
 
     def _connect(self, host: str, port: int) -> socket.socket:
         try:
@@ -121,6 +128,9 @@ class RtdeLink:
     def receive(self) -> tuple[int, list[Frame]]:
         """Return the host time at which bytes arrived, and the frames they complete (possibly none).
 
+        Of frames that came one after the other and are taken together, it is the time of the last: true for the
+        newest, and for the others late, as a delay of the network would be.
+
         Raises
         ------
         TimeoutError
@@ -131,19 +141,21 @@ class RtdeLink:
             The bytes are no RTDE.
         """
         try:
-            data = self._socket.recv(RECEIVE_BYTES)
+            data, _, arrival_ns = self.stamps.receive()
         except TimeoutError:
             raise
         except OSError as error:
             raise LinkLostError(f"The connection to the {self.peer} broke: {_reason(error)}.") from error
-        arrival_ns = self._clock.now_ns()
         if not data:
             raise LinkLostError(f"The {self.peer} closed the connection.")
+        self._flight.note_received(data, arrival_ns)
         return arrival_ns, self._splitter.feed(data)
 
     def send(self, kind: PackageType, payload: bytes = b"") -> None:
         """Send one package; `OSError` if it cannot be sent."""
-        self._socket.sendall(encode_frame(kind, payload))
+        frame = encode_frame(kind, payload)
+        self._flight.note_sent(frame)
+        self._socket.sendall(frame)
 
     def interrupt(self) -> None:
         """Make a `receive` that waits in another thread return."""

@@ -10,6 +10,7 @@ from bench.drivers.base import RecordSink
 from bench.drivers.robot.ur.codec import Frame, PackageType, TextMessage, decode_text
 from bench.drivers.robot.ur.fields import make_picker
 from bench.drivers.robot.ur.handshake import Session
+from bench.drivers.robot.ur.versions import find_since
 from bench.errors import ProtocolError
 from bench.model import LogEntry, RobotState, Severity
 from bench.timing import Clock, MinimumDelayFilter, patience_ns
@@ -90,8 +91,18 @@ class SampleReader:
             raise ProtocolError(
                 f"The {self._peer} is not understood: it {error}.", hint="Its software is one bench does not know."
             ) from error
-        if session.left_out:
-            self.say(Severity.WARN, f"The {self._peer} does not give {', '.join(session.left_out)}; left out.")
+        self._say_left_out(session)
+
+    def _say_left_out(self, session: Session) -> None:
+        """Tell what an old version explains from what nothing does."""
+        since = {name: find_since(name, session.version) for name in session.left_out}
+        too_new = ", ".join(f"{name} (since {version})" for name, version in since.items() if version)
+        refused = ", ".join(name for name, version in since.items() if not version)
+        if too_new:
+            version = ".".join(map(str, session.version[:3]))
+            self.say(Severity.INFO, f"The {self._peer} has software {version}, too old for {too_new}; left out.")
+        if refused:
+            self.say(Severity.WARN, f"The {self._peer} does not give {refused}; left out.")
 
     def resume(self, session: Session) -> None:
         """Go on over another connection, in a clock segment of its own. `ProtocolError` as at the beginning."""
@@ -115,9 +126,11 @@ class SampleReader:
             elif kind == PackageType.TEXT:
                 self._push_text(payload)
 
-    def finish(self) -> None:
-        """Say what is still unsaid; the stream has ended."""
+    def finish(self, remark: str = "") -> None:
+        """Say what is still unsaid, and a remark on the link if there is one; its stream has ended."""
         self._gaps.flush()
+        if remark:
+            self.say(Severity.INFO, remark)
 
     def _decode(self, arrival_ns: int, payload: bytes) -> RobotState:
         time_s, *values = self._pick(self._recipe.unpack(payload))
