@@ -93,8 +93,10 @@ class SimulationConfig(Section):
         description="True: no stamp of the middle of the exposure, as with cameras on USB; the next best is used.",
     )
     ptp: bool = Field(False, description="True: frames carry the time of a PTP clock, from NatNet 4.1 on.")
-    natnet_version: Literal["3.0", "3.1", "4.0", "4.1", "4.2", "4.3"] = Field(
-        "4.1", description="Version of the tracker's protocol: that of Motive 2.0, 2.1, 3.0, 3.1, 3.2 or 3.3."
+    natnet_version: Literal["2.9", "2.10", "3.0", "3.1", "4.0", "4.1", "4.2", "4.3"] = Field(
+        "4.1",
+        description="Version of the tracker's protocol: that of Motive 1.9, 1.10, 2.0, 2.1, 3.0, 3.1, 3.2 or 3.3. "
+        "Before 3.0 frames have no stamps and the tracker's clock cannot be asked.",
     )
     natnet_multicast: bool = Field(
         False, description="True: frames go to the group, in the server's version, instead of to each client."

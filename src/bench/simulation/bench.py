@@ -32,6 +32,7 @@ ROBOT_S_AT_START = 61.25
 FREE_REST_S = 0.05
 """Rest between the cycles of a program that waits for no grant: 6 samples at 125 Hz."""
 DATA_PORT = 1511
+"""NatNet's own, unless [tracker] says another."""
 DASHBOARD_PORT = 29999
 SLOW_RATE_HZ = 125.0
 
@@ -100,7 +101,7 @@ class SimulatedBench:
         robot_ports = " ".join(f"{name}={port}" for name, port in self.robot.ports.items())
         if self._admin is not None:
             robot_ports += f" admin={self._simulation.admin_port}"
-        tracker_ports = f"command={tracker.command_port} data={DATA_PORT}"
+        tracker_ports = f"command={tracker.command_port} data={tracker.data_port or DATA_PORT}"
         return [
             f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
             f"ready tracker {tracker.kind} {tracker.host} {tracker_ports} rate_hz={self._simulation.tracker_rate_hz:g}",
@@ -173,7 +174,7 @@ class SimulatedBench:
             self._clock,
             tracker_clock=DeviceClock(started_ns, TRACKER_TICKS_AT_START, TRACKER_TICKS_PER_S, ppm),
             command_port=tracker.command_port,
-            data_port=DATA_PORT,
+            data_port=tracker.data_port or DATA_PORT,
             simulation=self._simulation,
         )
 

@@ -48,7 +48,7 @@ def test_a_version_is_changed_or_refused(tracker: SimulatedTracker, tell: Callab
     with RawClient(tracker.server.address) as client:
         info = decode_server_info(client.ask(encode_connect(ConnectRequest("test")))[1])
     assert info.natnet_version == (3, 0, 0, 0)
-    assert tell("tracker_version 5.0") == "error: '5.0' is none of 3.0, 3.1, 4.0, 4.1, 4.2, 4.3"
+    assert tell("tracker_version 5.0") == "error: '5.0' is none of 2.9, 2.10, 3.0, 3.1, 4.0, 4.1, 4.2, 4.3"
 
 
 def test_a_body_is_defined(tracker: SimulatedTracker, tell: Callable[[str], str]) -> None:

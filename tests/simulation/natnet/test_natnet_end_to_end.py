@@ -174,3 +174,11 @@ def test_what_a_bad_network_does_to_the_frames_is_counted_to_the_frame() -> None
     assert len(set(numbers)) == len(numbers)
     assert numbers != sorted(numbers)
     assert sum(n for _, n in recording.missed) == max(numbers) - min(numbers) + 1 - len(numbers)
+
+
+def test_natnet_2_is_recorded_without_the_clocks_answers() -> None:
+    with running_tracker(HOST, 5.0, natnet_version="2.10") as tracker:
+        recording = record(tracker, n_frames=50)
+    assert recording.samples == []
+    for frame in recording.frames:
+        assert np.array_equal(frame.points_m, tracker.scene.exposures[frame.frame_number].points_m)

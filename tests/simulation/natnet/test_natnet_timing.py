@@ -65,3 +65,7 @@ def test_the_same_seed_draws_the_same_times() -> None:
     (first, first_leaves), (second, second_leaves) = draw(500), draw(500)
     assert np.array_equal(first, second)
     assert np.array_equal(first_leaves, second_leaves)
+
+
+def test_before_natnet_3_there_is_no_stamp_to_be_late() -> None:
+    assert stamp_delay_s(SimulationConfig(natnet_version="2.10")) is None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bench.drivers.tracker.natnet.frame import STAMPS_SINCE
 from bench.drivers.tracker.natnet.messages import (
     ServerInfo,
     decode_connect,
@@ -17,7 +18,7 @@ from bench.drivers.tracker.natnet.messages import (
     encode_unrecognized,
 )
 from bench.drivers.tracker.natnet.models import Model, encode_models
-from bench.drivers.tracker.natnet.wire import Message, Version, split_packet
+from bench.drivers.tracker.natnet.wire import HEADER, Message, Version, encode_packet, split_packet
 from bench.errors import ProtocolError
 from bench.simulation.natnet.clients import Address, Clients
 from bench.simulation.natnet.packets import choose_version
@@ -30,6 +31,7 @@ UP_AXIS = 1
 ACCEPTED = 0
 """Return code of a command that was carried out."""
 REFUSED = 1
+OLD_SERVER_INFO_BYTES = 264
 
 
 class Answers:
@@ -63,7 +65,7 @@ class Answers:
             return None
 
     def _answer(self, message: int, payload: bytes, sender: Address) -> bytes | None:
-        if message == Message.ECHOREQUEST:
+        if message == Message.ECHOREQUEST and self.version >= STAMPS_SINCE:
             return encode_echo_response(decode_echo_request(payload), self._ticks())
         if message == Message.KEEPALIVE:
             self._clients.hear(sender)
@@ -78,7 +80,14 @@ class Answers:
             return None
         if message == Message.CONNECT:
             self._clients.add(sender, self._choose(decode_connect(payload).bitstream))
-        return encode_server_info(self.info)
+        return self._describe()
+
+    def _describe(self) -> bytes:
+        packet = encode_server_info(self.info)
+        if self.version >= STAMPS_SINCE:
+            return packet
+        # Clock, data port and group came with NatNet 3.
+        return encode_packet(Message.SERVERINFO, packet[HEADER.size :][:OLD_SERVER_INFO_BYTES])
 
     def _choose(self, wanted: Version | None) -> Version:
         # What goes to a whole group is in the server's own version, whatever one client asks for.

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from bench.drivers.tracker.natnet.frame import BODY, HAS_MODEL, LABELED, Frame
+from bench.drivers.tracker.natnet.frame import BODY, HAS_MODEL, LABELED, STAMPS_SINCE, Frame, Section
 from bench.drivers.tracker.natnet.models import MarkerSetModel, Model, RigidBodyModel
 from bench.drivers.tracker.natnet.wire import Version
 from bench.model import RigidBody
@@ -16,6 +16,8 @@ from bench.simulation.scene import Exposure, Scene
 __all__ = ["APP_VERSIONS", "choose_version", "make_frame", "make_models"]
 
 APP_VERSIONS: dict[Version, Version] = {
+    (2, 9): (1, 9, 0, 0),
+    (2, 10): (1, 10, 0, 0),
     (3, 0): (2, 0, 0, 0),
     (3, 1): (2, 1, 0, 0),
     (4, 0): (3, 0, 0, 0),
@@ -35,7 +37,7 @@ PTP_FRACTIONS = 1 << 32
 
 def choose_version(own: Version, wanted: Version | None) -> Version:
     """Return the bitstream version a client gets that wants `wanted` from a server of version `own`."""
-    if wanted is None or own < CHOOSING_SINCE or wanted[:2] not in APP_VERSIONS:
+    if wanted is None or own < CHOOSING_SINCE or wanted[:2] not in APP_VERSIONS or wanted < STAMPS_SINCE:
         return own
     return min(own, wanted[:2])
 
@@ -50,6 +52,7 @@ def make_frame(
     ptp_ns: int | None = None,
     unseen: Mapping[int, str] | None = None,
     others_are_loose: bool = False,
+    latency_s: float | None = None,
 ) -> Frame:
     """Fill a frame as Motive does: every point among the labeled ones, and some in the others again.
 
@@ -67,6 +70,8 @@ def make_frame(
         Ids of bodies that no camera sees.
     others_are_loose : bool
         False: the others are the bodies' markers, as in every recorded packet; True: all but them, as in the manual.
+    latency_s : float, optional
+        Of the software, in a frame of NatNet 2; there the bodies have their markers with them.
     """
     labeled = np.empty(len(exposure.ids), dtype=LABELED)
     labeled["id"] = exposure.ids
@@ -85,6 +90,8 @@ def make_frame(
         transmit=stamps[2],
         ptp=(0, 0) if ptp_ns is None else _ptp_time(ptp_ns),
         params=params,
+        body_markers=() if latency_s is None else tuple(_members(exposure, body.body_id) for body in exposure.bodies),
+        latency_s=latency_s or 0.0,
     )
 
 
@@ -108,6 +115,13 @@ def _ptp_time(ptp_ns: int) -> tuple[int, int]:
 def _unseen_row(body_id: int) -> tuple[object, ...]:
     # Motive sends bodies that it does not track too, at the origin, without the bit that says that it does.
     return body_id, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0), 0.0, 0
+
+
+def _members(exposure: Exposure, body_id: int) -> Section:
+    """Return the markers of a body as NatNet 2 has them beside its pose: positions, numbers, sizes."""
+    mine = ((exposure.flags & HAS_MODEL) != 0) & (exposure.ids >> 16 == body_id)
+    columns = exposure.points_m[mine], exposure.ids[mine] & 0xFFFF, exposure.size_m[mine]
+    return Section(int(mine.sum()), b"".join(column.tobytes() for column in columns))
 
 
 def _body_row(body: RigidBody) -> tuple[object, ...]:

@@ -9,7 +9,14 @@ from functools import partial
 import numpy as np
 
 from bench.config import SimulationConfig
-from bench.drivers.tracker.natnet.frame import BITSTREAM_CHANGED, MODELS_CHANGED, RECORDING, Frame, encode_frame
+from bench.drivers.tracker.natnet.frame import (
+    BITSTREAM_CHANGED,
+    MODELS_CHANGED,
+    RECORDING,
+    STAMPS_SINCE,
+    Frame,
+    encode_frame,
+)
 from bench.drivers.tracker.natnet.messages import ServerInfo
 from bench.drivers.tracker.natnet.wire import Version
 from bench.simulation.device_clock import DeviceClock
@@ -211,6 +218,7 @@ class NatNetServer:
             ptp_ns=ptp_ns,
             unseen=self._unseen,
             others_are_loose=self._simulation.natnet_other_markers == "unlabeled",
+            latency_s=None if self._answers.version >= STAMPS_SINCE else (stamps[2] - stamps[1]) / clock.ticks_per_s,
         )
         self._changed = 0
         self.n_exposed += 1

@@ -65,7 +65,9 @@ class FrameTiming:
         return float(min(tail_s, self._latest_s))
 
 
-def stamp_delay_s(simulation: SimulationConfig) -> float:
-    """Return how much later than the exposure the tracker's best stamp says it was, on average."""
+def stamp_delay_s(simulation: SimulationConfig) -> float | None:
+    """Return how much later than the exposure the tracker's best stamp says it was, on average; None: it has none."""
+    if simulation.natnet_version.startswith("2."):
+        return None
     after_ms = simulation.received_after_ms if simulation.usb_cameras else 0.0
     return (simulation.tracker_stamp_delay_ms + after_ms) * 1e-3
