@@ -38,6 +38,8 @@ FIRST_FRAME_NUMBER = 1042
 NUMBER_AFTER_RESTART = 17
 TICKS_S_AFTER_RESTART = 45.0
 """A PC that was switched off counts from its own start: it takes about so long."""
+NETWORK_STREAM = 2
+"""Of the seed: delays and losses are drawn apart from what the scene draws."""
 LONGEST_JUMP = 10
 """By how much a frame number may jump."""
 
@@ -81,7 +83,7 @@ class NatNetServer:
         self._tracker_clock = tracker_clock
         self._simulation = simulation
         self._rate_hz = simulation.tracker_rate_hz
-        self._rng = np.random.default_rng(simulation.seed)
+        self._rng = np.random.default_rng((simulation.seed, NETWORK_STREAM))
         self._timing = FrameTiming(simulation, tracker_clock.ticks_per_s, self._rng)
         self._clients = Clients(clock)
         self._answers = Answers(
