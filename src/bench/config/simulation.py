@@ -78,7 +78,7 @@ class SimulationConfig(Section):
     received_sd_ms: float = Field(0.09, ge=0, le=100, description="Standard deviation of that.")
     transmit_after_ms: float = Field(5.41, ge=0, le=1000, description="From the middle of an exposure to its frame.")
     transmit_sd_ms: float = Field(0.14, ge=0, le=100, description="Standard deviation of that.")
-    late_share: float = Field(0.002, ge=0, le=1, description="Share of the frames that leave later than the others.")
+    late_share: float = Field(0.003, ge=0, le=1, description="Share of the frames that leave later than the others.")
     latest_ms: float = Field(5.0, ge=0, le=1000, description="How much later at most.")
     frame_loss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each frame to get lost on its way.")
     frame_duplicate_probability: float = Field(0.0, ge=0, le=1, description="Chance of each frame to come twice.")
