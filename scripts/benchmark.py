@@ -17,15 +17,13 @@ import psutil
 import pyarrow.parquet as pq
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
+from benchmarks.tracker_link import measure_tracker_link
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
-from natnet import DataFrame, PacketBuffer
-from natnet import Version as PeerVersion
 from scipy.interpolate import CubicSpline
 
 from bench.analysis import fit_spline
 from bench.config import simulated_config_text
-from bench.drivers.tracker.natnet.frame import decode_frame
 from bench.recording import open_run
 
 REPORT_LIMIT_S = 60.0
@@ -44,14 +42,17 @@ class Finished:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--full", action="store_true", help="1000 cycles, 5 minutes of 500 Hz, how far --speed goes")
+    parser.add_argument(
+        "--full", action="store_true", help="1000 cycles, minutes of both streams, how far --speed goes"
+    )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
         folder = Path(name)
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
-        rows += [measure_reading(folder / "run.mcap"), measure_curvature(), measure_decoding()]
+        rows += [measure_reading(folder / "run.mcap"), measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_robot_link(full)
+        rows += measure_tracker_link(full)
         if full:
             rows += [measure_speed(folder, speed) for speed in SPEEDS]
     print_table(rows)
@@ -111,24 +112,6 @@ def measure_curvature() -> Row:
         return 2000
 
     return ratio_row("curvature with its sd, frames/s", rate(ours), rate(peer), "scipy CubicSpline loop")
-
-
-def measure_decoding() -> Row:
-    """Decode a real recorded frame, against the client from PyPI."""
-    data = Path(__file__).resolve().parents[1] / "tests" / "drivers" / "tracker" / "data" / "natnet"
-    payload = (data / "mocapframe_packet_v3.bin").read_bytes()[4:]
-
-    def ours() -> int:
-        for _ in range(5000):
-            decode_frame(payload, (3, 0, 0, 0))
-        return 5000
-
-    def peer() -> int:
-        for _ in range(2000):
-            DataFrame.read_from_buffer(PacketBuffer(payload), PeerVersion(3, 0))
-        return 2000
-
-    return ratio_row("NatNet frames decoded/s", rate(ours), rate(peer), "natnet 0.3.0")
 
 
 def measure_paper_sorting(folder: Path, n_cycles: int) -> list[Row]:

@@ -246,3 +246,13 @@ def test_an_admin_port_is_named_and_obeyed():
     finally:
         bench.close()
     assert robot_line.endswith("dashboard=29999 admin=30099 program=bend_test.urp")
+
+
+def test_the_trackers_data_port_is_the_one_its_table_names():
+    config = make_config(50)
+    tracker = config.tracker.model_copy(update={"data_port": 15_113})
+    bench = SimulatedBench(config.model_copy(update={"tracker": tracker}), RunClock.start())
+    try:
+        assert "data=15113" in bench.open()[1]
+    finally:
+        bench.close()

@@ -1,5 +1,6 @@
 """TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
 
+from bench.config.calibration import CalibrationConfig
 from bench.config.load import (
     config_schema,
     load_config,
@@ -35,9 +36,9 @@ from bench.config.models import (
     CycleConfig,
     RobotConfig,
     RunConfig,
-    SimulationConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.simulation import SimulationConfig
 from bench.config.tracker import AnyTrackerConfig, QualisysConfig, TrackerConfig
 
 __all__ = [
@@ -47,6 +48,7 @@ __all__ = [
     "AnyRobotConfig",
     "AnyTrackerConfig",
     "CableConfig",
+    "CalibrationConfig",
     "Command",
     "Commands",
     "Config",

@@ -2,22 +2,56 @@
 
 from __future__ import annotations
 
+from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
 
 from bench.config.section import Section
 
 __all__ = ["AnyTrackerConfig", "QualisysConfig", "TrackerConfig"]
 
 
-class TrackerConfig(Section):
-    """The optical tracker."""
+def _verify_group(text: str) -> str:
+    if text and not _is_group(text):
+        raise ValueError(f"'{text}' is no multicast group: those are 224.0.0.0 to 239.255.255.255")
+    return text
 
-    kind: Literal["natnet"] = Field("natnet", description="OptiTrack Motive, NatNet unicast.")
+
+def _is_group(text: str) -> bool:
+    try:
+        return IPv4Address(text).is_multicast
+    except ValueError:
+        return False
+
+
+class TrackerConfig(Section):
+    """OptiTrack Motive."""
+
+    kind: Literal["natnet"] = Field("natnet", description="OptiTrack Motive, by NatNet 2.9 or newer.")
     host: str = Field(min_length=1, description="Address of the PC that runs Motive.")
     command_port: int = Field(1510, ge=1, le=65535, description="NatNet command port.")
-    local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
+    connection: Literal["auto", "unicast", "multicast"] = Field(
+        "auto", description="How the frames come. 'auto': as Motive says that it streams."
+    )
+    multicast_group: Annotated[str, AfterValidator(_verify_group)] = Field(
+        "", description="Group of a multicast; empty: the one that Motive names."
+    )
+    data_port: int | None = Field(
+        None, ge=1, le=65535, description="Port of a multicast; left out: the one that Motive names, usually 1511."
+    )
+    local_address: str = Field(
+        "",
+        description="Our own address towards the tracker, which also says on which network card a multicast is "
+        "received; empty: chosen by the system.",
+    )
+
+    @model_validator(mode="after")
+    def _belongs_to_a_multicast(self) -> TrackerConfig:
+        for key in ("multicast_group", "data_port"):
+            if self.connection == "unicast" and getattr(self, key):
+                raise ValueError(f"{key} belongs to a multicast, not to connection = 'unicast'")
+        return self
 
 
 class QualisysConfig(Section):

@@ -19,7 +19,8 @@ class StampKind(IntEnum):
     FILE_TIME = 3
     """The time written in an imported file."""
     TRACKER_TIME = 4
-    """The frame's time by the tracker's own clock; which moment it is, is not told (Qualisys)."""
+    """The frame's time by a clock of the tracker that cannot be asked; which moment it is, is not told (Qualisys: us
+    since the measurement began; NatNet 2: ns since its software's start)."""
 
 
 class ClockSource(IntEnum):

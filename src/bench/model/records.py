@@ -160,7 +160,11 @@ class TrackerFrame:
     bodies: tuple[RigidBody, ...] = ()
     """Rigid bodies of this exposure."""
     segment: int = 0
-    """Number of the clock segment, from 0; a reconnect begins a new one."""
+    """Number of the clock segment, from 0; a restart of the tracker begins a new one."""
+    ptp_seconds: int = 0
+    """PTP time of the exposure, where the cameras have one: whole seconds."""
+    ptp_fraction: int = 0
+    """Its fraction, as the tracker gives it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -170,6 +170,8 @@ def _pack_frame(frame: TrackerFrame) -> bytes:
             "segment": frame.segment,
             "n_points": len(frame.points_m),
             "n_bodies": len(frame.bodies),
+            "ptp_seconds": frame.ptp_seconds,
+            "ptp_fraction": frame.ptp_fraction,
             "stamp": frame.stamp,
         }
     )

@@ -19,7 +19,7 @@ from bench.analysis import (
     count_cycles,
     find_gaps,
 )
-from bench.model import ClockSource, CycleEventKind, Severity
+from bench.model import ClockSource, CycleEventKind, Severity, StampKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATS, Run
 from bench.report.results import ClockFinding, NotedLine
 
@@ -195,8 +195,8 @@ def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
     ticks, capture_ns = _ints(frame.device_ticks), _ints(frame.capture_ns)
     asked = np.flatnonzero(samples.source == ClockSource.TRACKER)
     frequency = samples.ticks_per_s[asked]
-    clock_hz = next((float(one.detail.get("clock_hz", 0)) for one in run.devices if one.device == "tracker"), 0.0)
-    if len(asked) == 0 and len(ticks) and clock_hz > 0.0:
+    if len(ticks) and (frame.stamp == StampKind.TRACKER_TIME).all():
+        clock_hz = next(float(one.detail["clock_hz"]) for one in run.devices if one.device == "tracker")
         return align_by_arrival(ticks, _ints(frame.arrival_ns), capture_ns, segment, NS / clock_hz)
     return align_by_echo(
         ticks,

@@ -10,14 +10,13 @@ import numpy as np
 from bench.config import AnyRobotConfig, AnyTrackerConfig, Config, RobotConfig, SimulationConfig
 from bench.errors import ConfigError
 from bench.simulation.admin import AdminServer
-from bench.simulation.cable import Cable
 from bench.simulation.device_clock import DeviceClock
 from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
-from bench.simulation.path import JointPath
+from bench.simulation.natnet.timing import stamp_delay_s
 from bench.simulation.program import PathProgram
 from bench.simulation.qualisys import QualisysServer
-from bench.simulation.scene import Scene, make_layout
+from bench.simulation.scene import Scene, make_path
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.truth import TruthWriter
 from bench.simulation.ur import KINDS, ControllerKind, UrController
@@ -35,6 +34,7 @@ ROBOT_S_AT_START = 61.25
 FREE_REST_S = 0.05
 """Rest between the cycles of a program that waits for no grant: 6 samples at 125 Hz."""
 DATA_PORT = 1511
+"""NatNet's own, unless [tracker] says another."""
 DASHBOARD_PORT = 29999
 SLOW_RATE_HZ = 125.0
 
@@ -65,13 +65,13 @@ class SimulatedBench:
         self._simulation = config.simulation or SimulationConfig()
         self._clock = clock
         self.scheduler = Scheduler(clock)
-        path = JointPath(make_layout(config).path_amplitude)
+        path = make_path(config)
         rest_s = 0.0 if config.robot.cycle.is_granted else FREE_REST_S
         cycle_s = self._simulation.cycle_s
         self.program = PathProgram(config.robot.program, cycle_s=cycle_s, path=path, rest_s=rest_s)
         self.scene = Scene(config, self.program)
         self._truth: TruthWriter | None = None
-        self._open_truth = partial(_open_truth, truth, config, self.scene.cable)
+        self._open_truth = partial(_open_truth, truth, config, self.scene)
         started_ns = clock.now_ns()
         self.robot = self._make_robot(config.robot, started_ns)
         self.tracker = self._make_tracker(config.tracker, started_ns)
@@ -104,7 +104,9 @@ class SimulatedBench:
         if self._admin is not None:
             robot_ports += f" admin={self._simulation.admin_port}"
         tracker_ports = (
-            f"rt={tracker.port}" if tracker.kind == "qualisys" else f"command={tracker.command_port} data={DATA_PORT}"
+            f"rt={tracker.port}"
+            if tracker.kind == "qualisys"
+            else f"command={tracker.command_port} data={tracker.data_port or DATA_PORT}"
         )
         return [
             f"ready robot {robot.kind} {robot.host} {robot_ports} program={robot.program}",
@@ -187,9 +189,9 @@ class SimulatedBench:
             self.scheduler,
             self._clock,
             tracker_clock=DeviceClock(started_ns, TRACKER_TICKS_AT_START, TRACKER_TICKS_PER_S, ppm),
-            rate_hz=self._simulation.tracker_rate_hz,
             command_port=tracker.command_port,
-            data_port=DATA_PORT,
+            data_port=tracker.data_port or DATA_PORT,
+            simulation=self._simulation,
         )
 
 
@@ -198,9 +200,11 @@ def _controller_rate_hz(asked_hz: float, kind: ControllerKind) -> float:
     return SLOW_RATE_HZ if SLOW_RATE_HZ % asked_hz == 0.0 else kind.rate_hz
 
 
-def _open_truth(path: Path | None, config: Config, cable: Cable) -> TruthWriter | None:
+def _open_truth(path: Path | None, config: Config, scene: Scene) -> TruthWriter | None:
     if path is None:
         return None
     markers = config.cable.arc_length_m
     arc_length_m = np.linspace(markers[0], markers[-1], config.analysis.arc_length_samples)
-    return TruthWriter(path, cable.curvature(arc_length_m), arc_length_m, len(markers))
+    delay_s = stamp_delay_s(config.simulation or SimulationConfig())
+    facts = {**scene.facts(), "tracker_stamp_delay_s": delay_s}
+    return TruthWriter(path, scene.cable.curvature(arc_length_m), arc_length_m, len(markers), facts)

@@ -27,7 +27,15 @@ PERIOD_TICKS = 10_000
 VERSION = (4, 1)
 
 
-def make_packet(number: int, *, ticks: int | None = None, received: int = 5, params: int = 0) -> bytes:
+def make_packet(
+    number: int,
+    *,
+    ticks: int | None = None,
+    received: int = 5,
+    params: int = 0,
+    version: tuple[int, ...] = VERSION,
+    **more: object,
+) -> bytes:
     """Encode a frame of two points and a body; `ticks` 0: the camera gives no mid-exposure stamp."""
     labeled = np.zeros(2, dtype=LABELED)
     labeled["id"] = (1 << 16 | 1, 50_001)
@@ -36,8 +44,9 @@ def make_packet(number: int, *, ticks: int | None = None, received: int = 5, par
     bodies = np.zeros(1, dtype=BODY)
     bodies["id"], bodies["params"] = 1, 1
     stamp = number * PERIOD_TICKS if ticks is None else ticks
-    frame = Frame(number, labeled, bodies, labeled["position_m"][:1], 0.0, stamp, received, 0, params=params)
-    return encode_frame(frame, VERSION)
+    other_m, timestamp_s = labeled["position_m"][:1], number * 0.01
+    frame = Frame(number, labeled, bodies, other_m, timestamp_s, stamp, received, 0, params=params, **more)
+    return encode_frame(frame, version)
 
 
 class BareLink:
@@ -74,11 +83,22 @@ class ScriptedTracker:
         self.heard: list[int] = []
         self.client: tuple[str, int] | None = None
         self.echo: Callable[[int], bytes | None] = lambda ticks: encode_echo_response(ticks, 77)
+        self.is_deaf = False
+        self.told: ServerInfo | None = None
+        """What is said, where it is not what is true."""
         self._stopping = threading.Event()
 
     def send(self, packet: bytes) -> None:
         if self.client is not None:
             self.socket.sendto(packet, self.client)
+
+    def send_to_group(self, packet: bytes) -> None:
+        """Send a frame as a multicast, from a port of its own as Motive does."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+            link.bind((self.host, 0))
+            link.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, socket.inet_aton(self.host))
+            group = ".".join(map(str, self.info.multicast_group))
+            link.sendto(packet, (group, self.info.data_port))
 
     def serve(self) -> None:
         while not self._stopping.is_set():
@@ -88,17 +108,19 @@ class ScriptedTracker:
                 continue
             message, payload = split_packet(packet)
             self.heard.append(message)
+            if self.is_deaf:
+                continue
             self.client = sender
-            reply = self._reply(message, payload)
+            reply = self.reply(message, payload)
             if reply is not None:
                 self.socket.sendto(reply, sender)
 
     def stop(self) -> None:
         self._stopping.set()
 
-    def _reply(self, message: int, payload: bytes) -> bytes | None:
-        if message == Message.CONNECT:
-            return encode_server_info(self.info)
+    def reply(self, message: int, payload: bytes) -> bytes | None:
+        if message in (Message.CONNECT, Message.DISCOVERY):
+            return encode_server_info(self.told or self.info)
         if message == Message.REQUEST:
             return self.answers.get(decode_text(payload), encode_packet(Message.UNRECOGNIZED_REQUEST, bytes(264)))
         if message == Message.REQUEST_MODELDEF:

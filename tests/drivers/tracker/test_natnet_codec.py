@@ -37,7 +37,7 @@ from bench.drivers.tracker.natnet.models import OtherModel, RigidBodyModel, deco
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, encode_packet, split_packet, verify_whole
 from bench.errors import ProtocolError
 
-VERSIONS = [(3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (4, 3)]
+VERSIONS = [(2, 9), (2, 10), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (4, 3), (4, 5), (5, 0)]
 V3_FRAMES = [stored("mocapframe_packet_v3"), stored("mocapframe_packet_occluded_v3")]
 
 
@@ -84,8 +84,9 @@ def make_frame(n_labeled: int = 3, n_bodies: int = 1, seed: int = 0) -> Frame:
     )
 
 
-def skeleton(n_bodies: int) -> Section:
-    return Section(1, struct.pack("<ii", 5, n_bodies) + bytes(BODY.itemsize * n_bodies))
+def skeleton(n_bodies: int, version: tuple[int, int]) -> Section:
+    body = bytes(32) + struct.pack("<i", 2) + bytes(2 * 20 + 6) if version < (3, 0) else bytes(BODY.itemsize)
+    return Section(1, struct.pack("<ii", 5, n_bodies) + body * n_bodies)
 
 
 def channels() -> Section:
@@ -142,9 +143,10 @@ def test_frames_survive_the_way_there_and_back(n: int, n_bodies: int, seed: int,
 @pytest.mark.parametrize("version", VERSIONS)
 def test_sections_that_bench_does_not_use_are_kept(version: tuple[int, int]) -> None:
     assets = Section(1, bytes(12)) if version >= (4, 1) else Section()
-    frame = replace(make_frame(), skeletons=skeleton(3), force_plates=channels(), devices=channels(), assets=assets)
+    bones, devices = skeleton(3, version), channels() if version >= (3, 0) else Section()
+    frame = replace(make_frame(), skeletons=bones, force_plates=channels(), devices=devices, assets=assets)
     again = decode_frame(encode_frame(frame, version)[4:], version)
-    assert (again.skeletons, again.force_plates, again.devices) == (skeleton(3), channels(), channels())
+    assert (again.skeletons, again.force_plates, again.devices) == (bones, channels(), devices)
     assert again.assets == assets
 
 
@@ -258,7 +260,7 @@ OTHER_MODELS = {
 
 
 @pytest.mark.parametrize("kind", OTHER_MODELS)
-@pytest.mark.parametrize("version", [(3, 0), (4, 1)])
+@pytest.mark.parametrize("version", [(2, 10), (3, 0), (4, 1)])
 def test_models_that_bench_does_not_use_are_stepped_over(kind: str, version: tuple[int, int]) -> None:
     models = decode_models(encode_models((OTHER_MODELS[kind], make_body()), version)[4:], version)
     assert models[0] == OTHER_MODELS[kind]
@@ -275,13 +277,25 @@ def test_a_model_of_unknown_kind_is_stepped_over_only_where_it_tells_its_size() 
 
 @pytest.mark.parametrize(
     ("server", "sent"),
-    [((3, 0), (3, 0)), ((3, 1), (3, 1)), ((4, 0), (4, 0)), ((4, 1), (4, 1)), ((4, 3), (4, 1)), ((4, 1), (3, 0))],
+    [
+        ((2, 9), (2, 9)),
+        ((2, 10), (2, 10)),
+        ((2, 10), (3, 0)),
+        ((4, 5), (4, 1)),
+        ((3, 0), (3, 0)),
+        ((3, 1), (3, 1)),
+        ((4, 0), (4, 0)),
+        ((4, 1), (4, 1)),
+        ((4, 3), (4, 1)),
+        ((4, 1), (3, 0)),
+    ],
 )
 def test_frames_are_read_in_the_version_that_is_sent(server: tuple[int, int], sent: tuple[int, int]) -> None:
     bitstream = Bitstream((*server, 0, 0))
     frame = make_frame()
     for _ in range(2):
-        assert np.array_equal(bitstream.decode_frame(encode_frame(frame, sent)[4:]).labeled, frame.labeled)
+        again = bitstream.decode_frame(encode_frame(frame, sent)[4:])
+        assert np.array_equal(again.labeled["position_m"], frame.labeled["position_m"])
 
 
 def test_once_a_version_is_proven_others_are_refused_until_the_server_says_it_changed() -> None:

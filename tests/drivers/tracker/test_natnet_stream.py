@@ -11,14 +11,14 @@ from bench.drivers.tracker.natnet.messages import decode_echo_request, encode_ec
 from bench.drivers.tracker.natnet.models import encode_models
 from bench.drivers.tracker.natnet.stream import ECHO_NS, POINTS_TOPIC, FrameStream
 from bench.drivers.tracker.natnet.wire import Message, encode_packet, pack_text
-from bench.model import ClockSample, LogEntry, Record, Severity, TrackerFrame
+from bench.model import ClockSample, LogEntry, Record, Severity, StampKind, TrackerFrame
 from bench.timing import ManualClock
 
 SECOND_NS = 1_000_000_000
 
 
 class Setup:
-    def __init__(self) -> None:
+    def __init__(self, bitstream: Bitstream | None = None, clock_hz: int = CLOCK_HZ) -> None:
         self.clock = ManualClock()
         self.start_ns = self.clock.now_ns()
         self.link = BareLink()
@@ -28,8 +28,8 @@ class Setup:
             self.link,
             self.clock,
             self.records.append,
-            Bitstream((4, 1, 0, 0)),
-            CLOCK_HZ,
+            bitstream or Bitstream((4, 1, 0, 0)),
+            clock_hz,
             lambda topic, n: self.missed.append((topic, n)),
         )
         self.stream.start()
@@ -206,3 +206,46 @@ def test_other_messages_disturb_nothing(setup: Setup, packet: bytes, expected: s
 def test_a_tracker_may_take_its_leave(setup: Setup, message: Message) -> None:
     setup.take(encode_packet(message))
     assert setup.stream.is_dismissed
+
+
+def test_what_a_version_to_come_brings_is_told_once_to_be_skipped() -> None:
+    setup = Setup(Bitstream((4, 5, 0, 0), may_choose=False))
+    setup.take(*(make_packet(number, version=(4, 5), trailing=b"more") for number in range(3)))
+    (entry,) = setup.log()
+    assert entry.severity is Severity.INFO
+    assert "are of NatNet 4.5, and bench knows 4.3" in entry.text
+    assert len(setup.frames()) == 3
+
+
+def test_a_version_that_changes_is_told(setup: Setup) -> None:
+    setup.take(make_packet(1, params=BITSTREAM_CHANGED), make_packet(2, version=(3, 0)))
+    assert [entry.text for entry in setup.log()] == ["The tracker's frames are of NatNet 4.0, before of 4.1."]
+    assert len(setup.frames()) == 2
+
+
+def test_the_ptp_time_is_recorded(setup: Setup) -> None:
+    setup.take(make_packet(1, ptp=(1_700_000_000, 123)))
+    (frame,) = setup.frames()
+    assert (frame.ptp_seconds, frame.ptp_fraction) == (1_700_000_000, 123)
+
+
+def test_a_leap_of_the_frame_numbers_in_one_period_is_a_new_count_and_no_loss(setup: Setup) -> None:
+    setup.take(make_packet(100), make_packet(101), make_packet(5_000, ticks=1_020_000), make_packet(5_001))
+    assert setup.missed == []
+    assert [frame.segment for frame in setup.frames()] == [0, 0, 1, 1]
+
+
+def test_many_frames_that_take_their_time_are_missed(setup: Setup) -> None:
+    setup.take(make_packet(100), make_packet(101), make_packet(5_000))
+    assert setup.missed == [(POINTS_TOPIC, 4_898)]
+
+
+def test_frames_of_natnet_2_are_captured_as_late_as_the_quickest_of_them() -> None:
+    setup = Setup(Bitstream((2, 10, 0, 0)), clock_hz=0)
+    for number, late_ns in ((100, 5_000_000), (101, 3_000_000), (102, 9_000_000)):
+        packet = make_packet(number, version=(2, 10))
+        setup.stream.take(packet, setup.start_ns + number * 10_000_000 + late_ns)
+    frames = setup.frames()
+    assert [frame.stamp for frame in frames] == [StampKind.TRACKER_TIME] * 3
+    assert frames[2].capture_ns - setup.start_ns == 102 * 10_000_000 + 3_000_000
+    assert setup.link.sent == []

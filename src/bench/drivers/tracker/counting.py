@@ -9,6 +9,8 @@ __all__ = ["FrameCounter", "Place"]
 
 REORDER_FRAMES = 100
 """Network equipment reorders neighbours; a number that falls back further begins a new count."""
+PACE_TOLERANCE = 0.5
+"""A leap over more frames than that by which the clock went on twice too little or too much is no loss."""
 
 
 class Place(Enum):
@@ -28,12 +30,13 @@ class FrameCounter:
     def __init__(self) -> None:
         self._first = self._newest = 0
         self._newest_ticks = 0
+        self._ticks_per_frame = 0.0
         self._recent: OrderedDict[int, int] = OrderedDict()
         self._missing: OrderedDict[int, None] = OrderedDict()
         self.missed = 0
         """Frames that have not come, of all the numbers since the first."""
 
-    def place(self, number: int, ticks: int) -> tuple[Place, int]:
+    def place(self, number: int, ticks: int, *, after_silence: bool = False) -> tuple[Place, int]:
         """Take one frame into account.
 
         Parameters
@@ -42,6 +45,8 @@ class FrameCounter:
             The tracker's frame number.
         ticks : int
             Its capture time by the tracker's clock, which tells a late or doubled frame from a new count.
+        after_silence : bool, optional
+            The first frame after a silence, longer than any frame is late.
 
         Returns
         -------
@@ -53,16 +58,36 @@ class FrameCounter:
             self._begin(number, ticks)
             return Place.NEXT, 0
         if number > self._newest:
+            if self._is_new_count(number, ticks):
+                self._begin(number, ticks)
+                return Place.RESTART, 0
             return Place.NEXT, self._advance(number, ticks)
         if self._recent.get(number) == ticks:
             return Place.DUPLICATE, 0
-        if self._newest - number <= REORDER_FRAMES and ticks < self._newest_ticks:
+        if not after_silence and self._newest - number <= REORDER_FRAMES and ticks < self._newest_ticks:
             if number in self._missing:
                 return Place.LATE, self._fill(number, ticks)
             if number < self._first:
                 return Place.LATE, 0
         self._begin(number, ticks)
         return Place.RESTART, 0
+
+    def begin_anew(self) -> None:
+        """Take the next frame as the first of a new count, whatever its number."""
+        self._recent.clear()
+
+    def _is_new_count(self, number: int, ticks: int) -> bool:
+        """Tell a leap of the numbers from a loss: the clock went back, or on by another time than so many frames take.
+
+        A restarted tracker counts anew, and may have come further than the old count was.
+        """
+        elapsed, leap = ticks - self._newest_ticks, number - self._newest
+        if elapsed <= 0:
+            return True
+        if leap <= REORDER_FRAMES or self._ticks_per_frame == 0.0:
+            return False
+        due = leap * self._ticks_per_frame
+        return abs(elapsed - due) > PACE_TOLERANCE * max(elapsed, due)
 
     def _begin(self, number: int, ticks: int) -> None:
         self._recent.clear()
@@ -72,6 +97,7 @@ class FrameCounter:
 
     def _advance(self, number: int, ticks: int) -> int:
         gap = number - self._newest - 1
+        self._ticks_per_frame = (ticks - self._newest_ticks) / (gap + 1)
         for absent in range(max(self._newest + 1, number - REORDER_FRAMES), number):
             self._missing[absent] = None
         self.missed += gap

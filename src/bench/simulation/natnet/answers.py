@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bench.drivers.tracker.natnet.frame import STAMPS_SINCE
 from bench.drivers.tracker.natnet.messages import (
     ServerInfo,
     decode_connect,
@@ -17,7 +18,7 @@ from bench.drivers.tracker.natnet.messages import (
     encode_unrecognized,
 )
 from bench.drivers.tracker.natnet.models import Model, encode_models
-from bench.drivers.tracker.natnet.wire import Message, Version, split_packet
+from bench.drivers.tracker.natnet.wire import HEADER, Message, Version, encode_packet, split_packet
 from bench.errors import ProtocolError
 from bench.simulation.natnet.clients import Address, Clients
 from bench.simulation.natnet.packets import choose_version
@@ -30,6 +31,7 @@ UP_AXIS = 1
 ACCEPTED = 0
 """Return code of a command that was carried out."""
 REFUSED = 1
+OLD_SERVER_INFO_BYTES = 264
 
 
 class Answers:
@@ -38,15 +40,21 @@ class Answers:
     def __init__(
         self, info: ServerInfo, models: tuple[Model, ...], clients: Clients, rate_hz: float, ticks: Callable[[], int]
     ) -> None:
-        self._info = info
-        self._models = models
+        self.info = info
+        """What the server says of itself; may be another from one moment to the next."""
+        self.models = models
+        """May be changed too."""
         self._clients = clients
         self._rate_hz = rate_hz
         self._ticks = ticks
-        self.version = info.natnet_version[:2]
         self.is_recording = False
         self.newest_frame: Callable[[Version], bytes | None] = lambda _version: None
         """Gives the newest frame again, in a version, for REQUEST_FRAMEOFDATA."""
+
+    @property
+    def version(self) -> Version:
+        """The server's own bitstream version."""
+        return self.info.natnet_version[:2]
 
     def answer(self, packet: bytes, sender: Address) -> bytes | None:
         """Return the answer to a packet, or None where none is due (also to garbage, as Motive keeps silent)."""
@@ -57,7 +65,7 @@ class Answers:
             return None
 
     def _answer(self, message: int, payload: bytes, sender: Address) -> bytes | None:
-        if message == Message.ECHOREQUEST:
+        if message == Message.ECHOREQUEST and self.version >= STAMPS_SINCE:
             return encode_echo_response(decode_echo_request(payload), self._ticks())
         if message == Message.KEEPALIVE:
             self._clients.hear(sender)
@@ -71,13 +79,24 @@ class Answers:
             self._clients.remove(sender)
             return None
         if message == Message.CONNECT:
-            self._clients.add(sender, choose_version(self.version, decode_connect(payload).bitstream))
-        return encode_server_info(self._info)
+            self._clients.add(sender, self._choose(decode_connect(payload).bitstream))
+        return self._describe()
+
+    def _describe(self) -> bytes:
+        packet = encode_server_info(self.info)
+        if self.version >= STAMPS_SINCE:
+            return packet
+        # Clock, data port and group came with NatNet 3.
+        return encode_packet(Message.SERVERINFO, packet[HEADER.size :][:OLD_SERVER_INFO_BYTES])
+
+    def _choose(self, wanted: Version | None) -> Version:
+        # What goes to a whole group is in the server's own version, whatever one client asks for.
+        return self.version if self.info.is_multicast else choose_version(self.version, wanted)
 
     def _inform(self, message: int, payload: bytes, sender: Address) -> bytes | None:
         version = self._clients.version_of(sender, self.version)
         if message == Message.REQUEST_MODELDEF:
-            return encode_models(self._models, version)
+            return encode_models(self.models, version)
         if message == Message.REQUEST_FRAMEOFDATA:
             return self.newest_frame(version)
         if message == Message.REQUEST:
@@ -93,6 +112,7 @@ class Answers:
             "Bitstream": lambda: self._bitstream(argument, sender),
             "StartRecording": lambda: self._record(True),
             "StopRecording": lambda: self._record(False),
+            "SetRecordTakeName": lambda: encode_integer_response(ACCEPTED if argument else REFUSED),
             "LiveMode": lambda: encode_integer_response(ACCEPTED),
             "SubscribeToData": lambda: encode_integer_response(ACCEPTED),
         }
@@ -111,6 +131,6 @@ class Answers:
             wanted = tuple(int(number) for number in argument.split("."))
         except ValueError:
             return encode_integer_response(REFUSED)
-        chosen = choose_version(self.version, wanted)
+        chosen = self._choose(wanted)
         self._clients.change_version(sender, chosen)
         return encode_integer_response(ACCEPTED if chosen == wanted[:2] else REFUSED)

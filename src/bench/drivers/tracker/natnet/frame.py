@@ -1,20 +1,37 @@
-"""FRAMEOFDATA: everything the cameras saw in one exposure, NatNet 3.0 to 4.3.
+"""FRAMEOFDATA: everything the cameras saw in one exposure, NatNet 2.9 to 4.3, and newer ones as far as they are alike.
 
-From 4.1 each section tells its size in bytes. That lets newer, larger items and unknown sections pass; the four zero
-bytes at the end prove that nothing was misread.
+The four zero bytes at the end prove that nothing was misread.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from struct import Struct
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from bench.drivers.tracker.natnet.wire import Message, Reader, Version, encode_packet, pack_text
+from bench.drivers.tracker.natnet.sections import (
+    BODY,
+    EMPTY,
+    LABELED,
+    POINT,
+    MarkerSet,
+    Section,
+    pack_bodies_with_markers,
+    pack_labeled_without_residual,
+    pack_marker_sets,
+    pack_section,
+    read_bodies_with_markers,
+    read_labeled_without_residual,
+    read_marker_sets,
+    read_section,
+    read_sized_array,
+    walk_channels,
+    walk_skeleton,
+    walk_skeleton_with_markers,
+)
+from bench.drivers.tracker.natnet.wire import Message, Reader, Version, encode_packet
 from bench.errors import ProtocolError
 
 __all__ = [
@@ -24,8 +41,11 @@ __all__ = [
     "HAS_MODEL",
     "LABELED",
     "MODELS_CHANGED",
+    "NEWEST_KNOWN",
+    "NO_STAMP",
     "OLDEST_VERSION",
     "RECORDING",
+    "STAMPS_SINCE",
     "Frame",
     "MarkerSet",
     "Section",
@@ -33,64 +53,44 @@ __all__ = [
     "encode_frame",
 ]
 
-OLDEST_VERSION = (3, 0)
-"""Older frames carry no camera stamps, without which they cannot be put on the run's time line."""
+OLDEST_VERSION = (2, 9)
+"""Of Motive 1.9, 2015."""
+STAMPS_SINCE = (3, 0)
+"""Before it, a frame has no camera stamps but the time since the software's start alone."""
+NO_STAMP = -1
 SIZES_SINCE = (4, 1)
-ASSETS_SINCE = (4, 1)
 PTP_SINCE = (4, 1)
-
-LABELED = np.dtype(
-    [("id", "<u4"), ("position_m", "<f4", (3,)), ("size_m", "<f4"), ("params", "<u2"), ("residual_m", "<f4")]
-)
-"""One item of the labeled markers, which hold the unlabeled points too."""
-BODY = np.dtype(
-    [("id", "<i4"), ("position_m", "<f4", (3,)), ("quaternion", "<f4", (4,)), ("error_m", "<f4"), ("params", "<u2")]
-)
-"""Pose of one rigid body; bit 0 of its params: tracking is valid."""
-POINT = np.dtype(("<f4", (3,)))
+DEVICES_SINCE = (2, 11)
+NEWEST_KNOWN = (4, 3)
+"""Of newer ones, what is not known is skipped."""
 
 HAS_MODEL = 0x08
 """Bit of a marker's params: it belongs to a rigid body."""
 RECORDING, MODELS_CHANGED, EDIT_MODE, BITSTREAM_CHANGED = 1, 2, 4, 8
 """Bits of a frame's params."""
 
-COUNT = Struct("<i")
-TWO = Struct("<ii")
+NUMBER = Struct("<i")
 SUFFIX = Struct("<IIdQQQ")
 """Timecode, subframe, timestamp, and the three camera stamps."""
+OLD_SUFFIX = Struct("<fIId")
+"""Software latency, timecode, subframe, timestamp."""
 SHORT_END = Struct("<Hi")
 LONG_END = Struct("<IIHi")
 """The end with the two numbers of a PTP time. Published clients disagree on the version that brings them in, so the
 bytes that are left decide."""
+SHORTEST_SECTION = 8
+LARGEST_TIMESTAMP_S = 1e10
+SMALLEST_TIMESTAMP_S = 1e-9
+"""Above 0: a whole number of ticks that is read as a timestamp is far smaller, an address in memory far larger."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkerSet:
-    """A named list of points."""
-
-    name: str
-    points_m: npt.NDArray[np.float32]
-    """Shape (k, 3), lab frame."""
-
-
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A part of a frame that bench does not use, kept as it came."""
-
-    count: int = 0
-    body: bytes = b""
-
-
-EMPTY = Section()
-
-
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class Frame:
-    """One FRAMEOFDATA."""
+    """One FRAMEOFDATA. Not frozen, though nobody changes it: that would make its making three times as slow."""
 
     frame_number: int
     labeled: npt.NDArray[np.void]
-    """`LABELED`: every point, of rigid bodies and of none."""
+    """`LABELED`: every point, of rigid bodies and of none. Before NatNet 3 the residual is NaN."""
     bodies: npt.NDArray[np.void]
     """`BODY`."""
     other_m: npt.NDArray[np.float32]
@@ -98,11 +98,11 @@ class Frame:
     timestamp_s: float
     """Seconds since the tracker's software started."""
     mid_exposure: int
-    """Ticks of the tracker's clock; 0 with USB cameras."""
+    """Ticks of the tracker's clock; 0 with USB cameras, `NO_STAMP` before NatNet 3."""
     data_received: int
-    """Ticks when the camera data was complete."""
+    """Ticks when the camera data was complete; `NO_STAMP` before NatNet 3."""
     transmit: int
-    """Ticks when the packet was handed to the network."""
+    """Ticks when the packet was handed to the network; `NO_STAMP` before NatNet 3."""
     marker_sets: tuple[MarkerSet, ...] = ()
     skeletons: Section = EMPTY
     assets: Section = EMPTY
@@ -114,6 +114,12 @@ class Frame:
     params: int = 0
     newer: tuple[Section, ...] = ()
     """Sections of a version newer than this decoder."""
+    trailing: bytes = b""
+    """What a newer version has between the params and the closing zeros."""
+    body_markers: tuple[Section, ...] = ()
+    """Before NatNet 3: the markers of each rigid body."""
+    latency_s: float = 0.0
+    """Before NatNet 3: software latency."""
 
 
 def decode_frame(payload: bytes, version: Version) -> Frame:
@@ -124,7 +130,7 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
     payload : bytes
         The packet without its header; at most its size is allocated.
     version : tuple of int
-        Bitstream version, 3.0 or newer.
+        Bitstream version, 2.9 or newer.
 
     Raises
     ------
@@ -132,146 +138,163 @@ def decode_frame(payload: bytes, version: Version) -> Frame:
         Cut short, corrupted, or of another version.
     """
     reader = Reader(payload, "FRAMEOFDATA")
+    if version < STAMPS_SINCE:
+        return _decode_old(reader, version)
     sized = version >= SIZES_SINCE
+    read_array = read_sized_array if sized else Reader.array
     number = reader.integer()
-    marker_sets = _read_marker_sets(reader, sized)
-    other = _read_array(reader, POINT, sized)
-    bodies = _read_array(reader, BODY, sized)
-    skeletons = _read_section(reader, sized, _walk_skeleton)
-    assets = _read_section(reader, sized, None) if version >= ASSETS_SINCE else EMPTY
-    labeled = _read_array(reader, LABELED, sized)
-    force_plates = _read_section(reader, sized, _walk_channels)
-    devices = _read_section(reader, sized, _walk_channels)
-    newer = _read_newer(reader) if sized and reader.remaining > SUFFIX.size + LONG_END.size else ()
-    timecode, subframe, timestamp, mid_exposure, received, transmit = reader.unpack(SUFFIX)
-    ptp, params = _read_end(reader)
+    marker_sets = read_marker_sets(reader, sized)
+    other = read_array(reader, POINT)
+    bodies = read_array(reader, BODY)
+    skeletons = read_section(reader, None if sized else walk_skeleton)
+    assets = read_section(reader, None) if sized else EMPTY  # sizes and assets came with the same version
+    labeled = read_array(reader, LABELED)
+    force_plates = read_section(reader, None if sized else walk_channels)
+    devices = read_section(reader, None if sized else walk_channels)
+    is_newer = sized and version[:2] > NEWEST_KNOWN
+    newer = _read_newer(reader) if is_newer else ()
+    timecode, subframe, timestamp_s, mid_exposure, received, transmit = reader.unpack(SUFFIX)
+    seconds, fraction, params, trailing = _read_end(reader, is_newer)
     return Frame(
         frame_number=number,
         labeled=labeled,
         bodies=bodies,
         other_m=other,
-        timestamp_s=timestamp,
-        mid_exposure=int(mid_exposure),
-        data_received=int(received),
-        transmit=int(transmit),
+        timestamp_s=timestamp_s,
+        mid_exposure=mid_exposure,
+        data_received=received,
+        transmit=transmit,
         marker_sets=marker_sets,
         skeletons=skeletons,
         assets=assets,
         force_plates=force_plates,
         devices=devices,
-        timecode=(int(timecode), int(subframe)),
-        ptp=ptp,
+        timecode=(timecode, subframe),
+        ptp=(seconds, fraction),
         params=params,
         newer=newer,
+        trailing=trailing,
     )
 
 
 def encode_frame(frame: Frame, version: Version) -> bytes:
-    """Encode a whole FRAMEOFDATA packet, the inverse of `decode_frame` for 3.0 to 4.3."""
+    """Encode a whole FRAMEOFDATA packet, the inverse of `decode_frame`."""
+    if version < STAMPS_SINCE:
+        return _encode_old(frame, version)
     sized = version >= SIZES_SINCE
-    sets = b"".join(_pack_marker_set(one) for one in frame.marker_sets)
     parts = [
-        COUNT.pack(frame.frame_number),
-        _pack_section(len(frame.marker_sets), sets, sized),
-        _pack_section(len(frame.other_m), frame.other_m.astype("<f4", copy=False).tobytes(), sized),
-        _pack_section(len(frame.bodies), frame.bodies.tobytes(), sized),
-        _pack_section(frame.skeletons.count, frame.skeletons.body, sized),
-        _pack_section(frame.assets.count, frame.assets.body, sized) if version >= ASSETS_SINCE else b"",
-        _pack_section(len(frame.labeled), frame.labeled.tobytes(), sized),
-        _pack_section(frame.force_plates.count, frame.force_plates.body, sized),
-        _pack_section(frame.devices.count, frame.devices.body, sized),
-        *(_pack_section(one.count, one.body, sized) for one in frame.newer),
+        NUMBER.pack(frame.frame_number),
+        pack_marker_sets(frame.marker_sets, sized),
+        pack_section(len(frame.other_m), frame.other_m.astype("<f4", copy=False).tobytes(), sized),
+        pack_section(len(frame.bodies), frame.bodies.tobytes(), sized),
+        pack_section(frame.skeletons.count, frame.skeletons.body, sized),
+        pack_section(frame.assets.count, frame.assets.body, sized) if sized else b"",
+        pack_section(len(frame.labeled), frame.labeled.tobytes(), sized),
+        pack_section(frame.force_plates.count, frame.force_plates.body, sized),
+        pack_section(frame.devices.count, frame.devices.body, sized),
+        *(pack_section(one.count, one.body, sized) for one in frame.newer),
         SUFFIX.pack(*frame.timecode, frame.timestamp_s, frame.mid_exposure, frame.data_received, frame.transmit),
         LONG_END.pack(*frame.ptp, frame.params, 0) if version >= PTP_SINCE else SHORT_END.pack(frame.params, 0),
+    ]
+    packed = b"".join(parts)
+    if frame.trailing:
+        packed = packed[: -NUMBER.size] + frame.trailing + packed[-NUMBER.size :]
+    return encode_packet(Message.FRAMEOFDATA, packed)
+
+
+def _decode_old(reader: Reader, version: Version) -> Frame:
+    """Decode NatNet 2.9 to 2.11, which has no sizes, no residuals and no stamps, but markers inside of rigid bodies."""
+    number = reader.integer()
+    marker_sets = read_marker_sets(reader, sized=False)
+    other = reader.array(POINT)
+    bodies, body_markers = read_bodies_with_markers(reader)
+    skeletons = read_section(reader, walk_skeleton_with_markers)
+    labeled = read_labeled_without_residual(reader)
+    force_plates = read_section(reader, walk_channels)
+    devices = read_section(reader, walk_channels) if version >= DEVICES_SINCE else EMPTY
+    latency_s, timecode, subframe, timestamp_s = reader.unpack(OLD_SUFFIX)
+    if reader.remaining != SHORT_END.size:
+        raise _wrong_end(reader.remaining, SHORT_END.size)
+    _, _, params, _ = _read_end(reader, tolerant=False)
+    return Frame(
+        frame_number=number,
+        labeled=labeled,
+        bodies=bodies,
+        other_m=other,
+        timestamp_s=timestamp_s,
+        mid_exposure=NO_STAMP,
+        data_received=NO_STAMP,
+        transmit=NO_STAMP,
+        marker_sets=marker_sets,
+        skeletons=skeletons,
+        force_plates=force_plates,
+        devices=devices,
+        timecode=(timecode, subframe),
+        params=params,
+        body_markers=body_markers,
+        latency_s=latency_s,
+    )
+
+
+def _encode_old(frame: Frame, version: Version) -> bytes:
+    parts = [
+        NUMBER.pack(frame.frame_number),
+        pack_marker_sets(frame.marker_sets, sized=False),
+        pack_section(len(frame.other_m), frame.other_m.astype("<f4", copy=False).tobytes(), sized=False),
+        pack_bodies_with_markers(frame.bodies, frame.body_markers),
+        pack_section(frame.skeletons.count, frame.skeletons.body, sized=False),
+        pack_labeled_without_residual(frame.labeled),
+        pack_section(frame.force_plates.count, frame.force_plates.body, sized=False),
+        pack_section(frame.devices.count, frame.devices.body, sized=False) if version >= DEVICES_SINCE else b"",
+        OLD_SUFFIX.pack(frame.latency_s, *frame.timecode, frame.timestamp_s),
+        SHORT_END.pack(frame.params, 0),
     ]
     return encode_packet(Message.FRAMEOFDATA, b"".join(parts))
 
 
-def _pack_section(count: int, body: bytes, sized: bool) -> bytes:
-    return (TWO.pack(count, len(body)) if sized else COUNT.pack(count)) + body
-
-
-def _pack_marker_set(one: MarkerSet) -> bytes:
-    return pack_text(one.name) + COUNT.pack(len(one.points_m)) + one.points_m.astype("<f4", copy=False).tobytes()
-
-
-def _section_end(reader: Reader) -> int:
-    """Read a section's size and return where the section ends."""
-    size = reader.count(1)
-    return reader.offset + size
-
-
-def _read_array(reader: Reader, dtype: np.dtype[Any], sized: bool) -> npt.NDArray[Any]:
-    """Read a section of items of equal size without copying; a newer version's larger items are cut to what we know."""
-    count = reader.count(dtype.itemsize)
-    size = reader.count(1) if sized else count * dtype.itemsize
-    start = reader.advance(size)
-    if size == count * dtype.itemsize:
-        return np.frombuffer(reader.data, dtype, count, start)
-    if count == 0 or size % count or size < count * dtype.itemsize:
-        raise ProtocolError(f"A NatNet FRAMEOFDATA has a section of {size} bytes for {count} items at byte {start}.")
-    items = np.frombuffer(reader.data, np.uint8, size, start).reshape(count, size // count)
-    return np.frombuffer(items[:, : dtype.itemsize].tobytes(), dtype)
-
-
-def _read_marker_sets(reader: Reader, sized: bool) -> tuple[MarkerSet, ...]:
-    count = reader.count(5)
-    end = _section_end(reader) if sized else None
-    sets = tuple(_read_marker_set(reader) for _ in range(count))
-    if end is not None and reader.offset != end:
-        raise ProtocolError(f"The marker sets of a NatNet FRAMEOFDATA end at byte {reader.offset}, not at {end}.")
-    return sets
-
-
-def _read_marker_set(reader: Reader) -> MarkerSet:
-    name = reader.text()
-    count = reader.count(POINT.itemsize)
-    return MarkerSet(name, np.frombuffer(reader.data, POINT, count, reader.advance(count * POINT.itemsize)))
-
-
-def _read_section(reader: Reader, sized: bool, walk: Callable[[Reader], None] | None) -> Section:
-    """Read a section we keep as it came: by its size, or before 4.1 by walking through its items."""
-    if sized or walk is None:
-        count = reader.count(0)
-        return Section(count, reader.take(reader.count(1)))
-    count = reader.count(8)
-    start = reader.offset
-    for _ in range(count):
-        walk(reader)
-    return Section(count, reader.data[start : reader.offset])
-
-
-def _walk_skeleton(reader: Reader) -> None:
-    reader.advance(4)
-    reader.advance(reader.count(BODY.itemsize) * BODY.itemsize)
-
-
-def _walk_channels(reader: Reader) -> None:
-    reader.advance(4)
-    for _ in range(reader.count(4)):
-        reader.advance(reader.count(4) * 4)
-
-
 def _read_newer(reader: Reader) -> tuple[Section, ...]:
-    found = []
-    while reader.remaining > SUFFIX.size + LONG_END.size:
-        found.append(_read_section(reader, True, None))
+    """Step over the sections of a newer version: as many as leave stamps behind them that make sense."""
+    found: list[Section] = []
+    ends = [reader.offset]
+    while reader.remaining >= SHORTEST_SECTION + SUFFIX.size + LONG_END.size:
+        try:
+            found.append(read_section(reader, None))
+        except ProtocolError:
+            break
+        ends.append(reader.offset)
+    while not _is_suffix(reader, ends[-1]) and found:
+        found.pop()
+        ends.pop()
+    reader.offset = ends[-1]
     return tuple(found)
 
 
-def _read_end(reader: Reader) -> tuple[tuple[int, int], int]:
-    """Read what follows the stamps: its size tells whether a PTP time is there."""
-    ptp = (0, 0)
-    if reader.remaining == LONG_END.size:
-        seconds, fraction, params, tag = reader.unpack(LONG_END)
-        ptp = (int(seconds), int(fraction))
-    elif reader.remaining == SHORT_END.size:
+def _is_suffix(reader: Reader, start: int) -> bool:
+    """Tell whether the stamps can begin here: a time above 0 is no tiny fraction, and the stamps are in their order."""
+    if reader.end - start < SUFFIX.size + LONG_END.size:
+        return False
+    _, _, timestamp_s, mid_exposure, received, transmit = SUFFIX.unpack_from(reader.data, start)
+    in_order = mid_exposure <= received <= transmit
+    return bool(in_order and (timestamp_s == 0.0 or SMALLEST_TIMESTAMP_S < timestamp_s < LARGEST_TIMESTAMP_S))
+
+
+def _read_end(reader: Reader, tolerant: bool) -> tuple[int, int, int, bytes]:
+    """Read what follows the stamps: its size tells whether a PTP time is there, and in `tolerant` whether more is."""
+    seconds, fraction, trailing, remaining = 0, 0, b"", reader.remaining
+    if remaining == SHORT_END.size:
         params, tag = reader.unpack(SHORT_END)
+    elif remaining == LONG_END.size:
+        seconds, fraction, params, tag = reader.unpack(LONG_END)
+    elif tolerant and remaining > LONG_END.size:
+        seconds, fraction, params, _ = LONG_END.unpack_from(reader.data, reader.offset)
+        reader.advance(LONG_END.size - NUMBER.size)
+        trailing, tag = reader.take(reader.remaining - NUMBER.size), reader.integer()
     else:
-        raise ProtocolError(
-            f"A NatNet FRAMEOFDATA has {reader.remaining} bytes after its stamps; "
-            f"{SHORT_END.size} or {LONG_END.size} are due."
-        )
+        raise _wrong_end(remaining, f"{SHORT_END.size} or {LONG_END.size}")
     if tag != 0:
         raise ProtocolError(f"A NatNet FRAMEOFDATA ends with {tag:#x} instead of four zero bytes.")
-    return ptp, int(params)
+    return seconds, fraction, params, trailing
+
+
+def _wrong_end(remaining: int, due: object) -> ProtocolError:
+    return ProtocolError(f"A NatNet FRAMEOFDATA has {remaining} bytes after its stamps; {due} are due.")

@@ -1,12 +1,14 @@
-"""The UDP socket to the tracker, and the questions asked before the frames are read."""
+"""The UDP sockets to the tracker, and the questions asked before the frames are read."""
 
 from __future__ import annotations
 
+import select
 import socket
 
 from bench.config import TrackerConfig
 from bench.drivers.flight import FlightRecorder
 from bench.drivers.receive import StampedSocket
+from bench.drivers.tracker.natnet.networks import open_group_socket
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_packet
 from bench.errors import ConnectError
 from bench.timing import Clock, patience_ns
@@ -20,7 +22,7 @@ LONGEST_WAIT_S = 0.05
 
 
 class CommandLink:
-    """One UDP socket: in unicast, answers and frames come to the port the questions went out from."""
+    """A UDP socket to ask with, to which frames come too in unicast; and one more for those of a multicast."""
 
     def __init__(self, config: TrackerConfig, clock: Clock, flight: FlightRecorder) -> None:
         self._config = config
@@ -28,6 +30,10 @@ class CommandLink:
         self._clock = clock
         self._socket: socket.socket | None = None
         self._stamps: StampedSocket | None = None
+        self._group: tuple[str, int] | None = None
+        self._group_socket: socket.socket | None = None
+        self._listening: dict[int, StampedSocket] = {}
+        self._poll: select.poll | None = None
         self._peer = ("", 0)
         self.local_address = ""
         self.receive_buffer_bytes = 0
@@ -40,14 +46,18 @@ class CommandLink:
         """Host and port, as the configuration has them."""
         return f"{self._config.host}:{self._config.command_port}"
 
+    @property
+    def group(self) -> str:
+        """The multicast that is received; empty in unicast."""
+        return f"multicast {self._group[0]}:{self._group[1]}" if self._group else ""
+
     def open(self) -> None:
         """Bind our end. `ConnectError` if the host has no address, or our own address is not ours."""
         self._peer = self._resolve()
         self.local_address = self._config.local_address or self._route()
         link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-            link.settimeout(LONGEST_WAIT_S)
+            _make_roomy(link)
             link.bind((self.local_address, 0))
         except OSError as error:
             link.close()
@@ -60,7 +70,36 @@ class CommandLink:
         self._stamps = StampedSocket(link, self._clock, LARGEST_PACKET)
         self.stamped_by = self._stamps.stamped_by
 
+    def follow(self, group: str, port: int) -> None:
+        """Receive a multicast too, on the network card of our own address; one that was followed before no longer.
+
+        Raises
+        ------
+        ConnectError
+            It cannot be received.
+        """
+        if self._stamps is None or self._socket is None or self._group == (group, port):
+            return
+        self.unfollow()
+        listener = open_group_socket(group, port, self.local_address)
+        _make_roomy(listener)
+        self._group, self._group_socket = (group, port), listener
+        both = {self._socket: self._stamps, listener: StampedSocket(listener, self._clock, LARGEST_PACKET)}
+        self._listening = {one.fileno(): stamped for one, stamped in both.items()}
+        self._poll = select.poll()
+        for number in self._listening:
+            self._poll.register(number, select.POLLIN)
+
+    def unfollow(self) -> None:
+        """Receive what is sent to us alone."""
+        self._group = self._poll = None
+        self._listening = {}
+        if self._group_socket is not None:
+            self._group_socket.close()
+            self._group_socket = None
+
     def close(self) -> None:
+        self.unfollow()
         if self._socket is not None:
             self._socket.close()
             self._socket = self._stamps = None
@@ -78,10 +117,11 @@ class CommandLink:
 
     def receive(self) -> tuple[bytes, int] | None:
         """Return the next packet of the tracker with its arrival in host time, or None if none came for a while."""
-        if self._stamps is None:
+        ready = self._stamps if self._poll is None else self._wait_for_one(self._poll)
+        if ready is None:
             return None
         try:
-            packet, sender, arrival_ns = self._stamps.receive()
+            packet, sender, arrival_ns = ready.receive()
         except OSError:
             return None
         if sender[0] != self._peer[0]:
@@ -89,9 +129,14 @@ class CommandLink:
         self._flight.note_received(packet, arrival_ns)
         return packet, arrival_ns
 
+    def _wait_for_one(self, poll: select.poll) -> StampedSocket | None:
+        waiting = poll.poll(LONGEST_WAIT_S * 1000)
+        return self._listening[waiting[0][0]] if waiting else None
+
     def remark(self) -> str:
         """Return a sentence if the kernel left out many stamps; else empty."""
-        return self._stamps.remark() if self._stamps else ""
+        remarks = (one.remark() for one in (*self._listening.values(), self._stamps) if one is not None)
+        return next(filter(None, remarks), "")
 
     def ask(
         self, question: bytes, answers: tuple[Message, ...], *, tries: int, wait_s: float
@@ -147,3 +192,8 @@ class CommandLink:
                     hint="Check the cable and the address of this machine on the tracker's network.",
                 ) from error
             return str(probe.getsockname()[0])
+
+
+def _make_roomy(link: socket.socket) -> None:
+    link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+    link.settimeout(LONGEST_WAIT_S)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from struct import Struct
 
 from bench.drivers.tracker.natnet.wire import LARGEST_TICKS, Message, Reader, Version, encode_packet, pack_text
@@ -28,7 +28,8 @@ __all__ = [
     "encode_unrecognized",
 ]
 
-SENDER = Struct("<256s4B4B")
+NAME_BYTES = 256
+SENDER = Struct(f"<{NAME_BYTES}s4B4B")
 """Name, version of the application, version of NatNet: 264 bytes."""
 OPTIONS = Struct("<B4B")
 """Whether only subscribed data is wanted, and the bitstream version; since NatNet 4, after the sender."""
@@ -54,6 +55,8 @@ class ConnectRequest:
     bitstream: Version | None = None
     """Version in which frames are wanted (unicast, NatNet 4 and newer); None: the server's own."""
     subscribed_only: bool = False
+    name_rest: bytes = field(default=b"", compare=False, repr=False)
+    """As in `ServerInfo`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +71,13 @@ class ServerInfo:
     data_port: int = 1511
     is_multicast: bool = False
     multicast_group: tuple[int, ...] = (239, 255, 42, 99)
+    name_rest: bytes = field(default=b"", compare=False, repr=False)
+    """What stands behind the name's end: Motive does not clear the memory there."""
 
 
 def encode_connect(request: ConnectRequest, message: Message = Message.CONNECT) -> bytes:
     """Encode a CONNECT of 270 bytes, or of 264 where no bitstream version is wanted."""
-    payload = _pack_sender(request.name, request.app_version, request.natnet_version)
+    payload = _pack_sender(request)
     if request.bitstream is not None:
         payload += OPTIONS.pack(request.subscribed_only, *_four(request.bitstream))
         payload = payload.ljust(CONNECT_BYTES, b"\0")
@@ -83,17 +88,17 @@ def decode_connect(payload: bytes) -> ConnectRequest:
     """Decode a CONNECT of any length: clients in the field send 0, 5, 264, 270 or 271 bytes."""
     if len(payload) < SENDER.size:
         return ConnectRequest(decode_text(payload))
-    name, app, natnet = _unpack_sender(payload)
+    name, app, natnet, rest = _unpack_sender(payload)
     if len(payload) < SENDER.size + OPTIONS.size:
-        return ConnectRequest(name, app, natnet)
+        return ConnectRequest(name, app, natnet, name_rest=rest)
     subscribed, *bitstream = OPTIONS.unpack_from(payload, SENDER.size)
     wanted = tuple(bitstream) if any(bitstream) else None
-    return ConnectRequest(name, app, natnet, wanted, bool(subscribed))
+    return ConnectRequest(name, app, natnet, wanted, bool(subscribed), rest)
 
 
 def encode_server_info(info: ServerInfo) -> bytes:
     """Encode a SERVERINFO of 279 bytes."""
-    sender = _pack_sender(info.name, info.app_version, info.natnet_version)
+    sender = _pack_sender(info)
     tail = SERVER.pack(info.clock_hz, info.data_port, info.is_multicast, *info.multicast_group)
     return encode_packet(Message.SERVERINFO, sender + tail)
 
@@ -108,11 +113,11 @@ def decode_server_info(payload: bytes) -> ServerInfo:
     """
     if len(payload) < SENDER.size:
         raise ProtocolError(f"A NatNet SERVERINFO has {len(payload)} bytes; at least {SENDER.size} are due.")
-    name, app, natnet = _unpack_sender(payload)
+    name, app, natnet, rest = _unpack_sender(payload)
     if len(payload) < SENDER.size + SERVER.size:
-        return ServerInfo(name, app, natnet)
+        return ServerInfo(name, app, natnet, name_rest=rest)
     clock_hz, port, is_multicast, *group = SERVER.unpack_from(payload, SENDER.size)
-    return ServerInfo(name, app, natnet, clock_hz, port, bool(is_multicast), tuple(group))
+    return ServerInfo(name, app, natnet, clock_hz, port, bool(is_multicast), tuple(group), rest)
 
 
 def encode_request(text: str) -> bytes:
@@ -186,10 +191,12 @@ def _four(version: Version) -> Version:
     return (*version, 0, 0, 0, 0)[:4]
 
 
-def _pack_sender(name: str, app: Version, natnet: Version) -> bytes:
-    return SENDER.pack(name.encode()[:255], *_four(app), *_four(natnet))
+def _pack_sender(sender: ConnectRequest | ServerInfo) -> bytes:
+    name = sender.name.encode()[: NAME_BYTES - 1] + b"\0" + sender.name_rest
+    return SENDER.pack(name[:NAME_BYTES], *_four(sender.app_version), *_four(sender.natnet_version))
 
 
-def _unpack_sender(payload: bytes) -> tuple[str, Version, Version]:
-    name, *numbers = SENDER.unpack_from(payload)
-    return decode_text(name), tuple(numbers[:4]), tuple(numbers[4:])
+def _unpack_sender(payload: bytes) -> tuple[str, Version, Version, bytes]:
+    raw, *numbers = SENDER.unpack_from(payload)
+    _, _, rest = raw.partition(b"\0")
+    return decode_text(raw), tuple(numbers[:4]), tuple(numbers[4:]), rest.rstrip(b"\0")

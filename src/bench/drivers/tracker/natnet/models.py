@@ -9,6 +9,7 @@ from struct import Struct
 import numpy as np
 import numpy.typing as npt
 
+from bench.drivers.tracker.natnet.frame import NEWEST_KNOWN
 from bench.drivers.tracker.natnet.wire import Message, Reader, Version, encode_packet, pack_text
 from bench.errors import ProtocolError
 
@@ -19,10 +20,14 @@ COUNT = Struct("<i")
 ITEM_SIZE_SINCE = (4, 1)
 ROTATION_SINCE = (4, 2)
 MARKER_NAMES_SINCE = (4, 0)
+MARKERS_SINCE = (3, 0)
 POSE = Struct("<ii3f")
 QUATERNION = Struct("<4f")
 FORCE_PLATE_BYTES = 4 * (2 + 3 + 12 * 12 + 4 * 3 + 2)
 """Width, length, origin, calibration matrix, corners, two types."""
+NO_MARKERS = np.zeros((0, 3), dtype=np.float32)
+SMALLEST_BODY = 1 + POSE.size
+"""Bytes of a rigid body without a name, before NatNet 3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +45,7 @@ class RigidBodyModel:
     name: str
     body_id: int
     markers_m: npt.NDArray[np.float32]
-    """Shape (m, 3), in the body's frame."""
+    """Shape (m, 3), in the body's frame; empty before NatNet 3, which does not tell them."""
     parent_id: int = -1
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     quaternion_xyzw: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
@@ -91,7 +96,7 @@ def _decode_item(reader: Reader, version: Version) -> Model:
     start = reader.advance(reader.count(1))
     item = Reader(reader.data, reader.what, start, reader.offset)
     model = _decode_body(item, kind, version) if kind in (MARKER_SET, RIGID_BODY) else _keep(item, kind)
-    if item.remaining:
+    if item.remaining and version[:2] <= NEWEST_KNOWN:
         raise ProtocolError(f"An item of a NatNet MODELDEF has {item.remaining} bytes more than version {version} has.")
     return model
 
@@ -121,19 +126,19 @@ def _decode_rigid_body(reader: Reader, version: Version) -> RigidBodyModel:
     name = reader.text()
     body_id, parent_id, x, y, z = reader.unpack(POSE)
     qx, qy, qz, qw = reader.unpack(QUATERNION) if version >= ROTATION_SINCE else (0.0, 0.0, 0.0, 1.0)
+    if version < MARKERS_SINCE:
+        return RigidBodyModel(name, body_id, NO_MARKERS, parent_id, (x, y, z))
     n = reader.count(16)
     markers = np.frombuffer(reader.take(12 * n), dtype="<f4").reshape(n, 3)
     labels = np.frombuffer(reader.take(4 * n), dtype="<i4")
     names = tuple(reader.text() for _ in range(n)) if version >= MARKER_NAMES_SINCE else ()
-    return RigidBodyModel(
-        name, int(body_id), markers, int(parent_id), (x, y, z), (qx, qy, qz, qw), tuple(labels.tolist()), names
-    )
+    return RigidBodyModel(name, body_id, markers, parent_id, (x, y, z), (qx, qy, qz, qw), tuple(labels.tolist()), names)
 
 
 def _skip_skeleton(reader: Reader, version: Version) -> None:
     reader.text()
     reader.advance(4)
-    for _ in range(reader.count(28)):
+    for _ in range(reader.count(SMALLEST_BODY)):
         _decode_rigid_body(reader, version)
 
 
@@ -178,6 +183,8 @@ def _encode_rigid_body(model: RigidBodyModel, version: Version) -> bytes:
     n = len(model.markers_m)
     labels = model.labels or (0,) * n
     parts = [pack_text(model.name), POSE.pack(model.body_id, model.parent_id, *model.offset_m)]
+    if version < MARKERS_SINCE:
+        return b"".join(parts)
     if version >= ROTATION_SINCE:
         parts.append(QUATERNION.pack(*model.quaternion_xyzw))
     parts += [COUNT.pack(n), model.markers_m.astype("<f4").tobytes(), np.array(labels, dtype="<i4").tobytes()]

@@ -7,7 +7,7 @@ from struct import Struct
 import numpy as np
 import numpy.typing as npt
 
-from bench.drivers.tracker.natnet.frame import Frame
+from bench.drivers.tracker.natnet.frame import NO_STAMP, Frame
 from bench.drivers.tracker.natnet.wire import LARGEST_TICKS
 from bench.errors import ProtocolError
 from bench.model import NO_ID, UNLABELED, RigidBody, StampKind, TrackerFrame
@@ -17,12 +17,16 @@ __all__ = ["capture_stamp", "make_record"]
 BODY_ROW = Struct("<i8fH")
 """One item of `frame.BODY`, as plain numbers."""
 TRACKING_VALID = 1
+NS_PER_S = 1_000_000_000
+LARGEST_TIMESTAMP_S = LARGEST_TICKS / NS_PER_S
 SAME_PLACE_M = 0.001
 """Another marker within this distance of a rigid body's marker is that marker."""
 
 
 def capture_stamp(frame: Frame) -> tuple[int, StampKind]:
-    """Return the ticks of the exposure, and which moment of it they denote.
+    """Return the device time of the exposure, and which moment of it that denotes.
+
+    Ticks of the tracker's clock; before NatNet 3 nanoseconds since its software's start.
 
     Raises
     ------
@@ -33,6 +37,8 @@ def capture_stamp(frame: Frame) -> tuple[int, StampKind]:
         return frame.mid_exposure, StampKind.MID_EXPOSURE
     if frame.mid_exposure == 0 and 0 < frame.data_received <= LARGEST_TICKS:
         return frame.data_received, StampKind.DATA_RECEIVED
+    if frame.mid_exposure == NO_STAMP and 0.0 < frame.timestamp_s <= LARGEST_TIMESTAMP_S:
+        return round(frame.timestamp_s * NS_PER_S), StampKind.TRACKER_TIME
     raise ProtocolError(
         f"Frame {frame.frame_number} carries no camera stamp that can be used.",
         hint="Motive must be in Live mode; a take that is played back has no capture time.",
@@ -65,6 +71,8 @@ def make_record(
         residual_m=residual,
         bodies=_make_bodies(frame) if len(frame.bodies) else (),
         segment=segment,
+        ptp_seconds=frame.ptp[0],
+        ptp_fraction=frame.ptp[1],
     )
 
 
