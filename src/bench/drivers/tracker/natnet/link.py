@@ -64,6 +64,7 @@ class CommandLink:
                 f"Our own address {self.local_address} towards the tracker cannot be used: {error.strerror}.",
                 hint="Set [tracker] local_address to an address of this machine, or leave it out.",
             ) from error
+        self.local_address = str(link.getsockname()[0])
         self.receive_buffer_bytes = link.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._socket = link
         self.stamped_by = self._listen(link)
