@@ -13,7 +13,7 @@ from natnet_scripted import ScriptedTracker, make_packet, scripted_tracker
 
 from bench.config import TrackerConfig
 from bench.drivers.flight import FlightRecorder
-from bench.drivers.tracker.natnet import handshake
+from bench.drivers.tracker.natnet import handshake, networks
 from bench.drivers.tracker.natnet.link import CommandLink
 from bench.drivers.tracker.natnet.networks import find_trackers, open_group_socket
 from bench.errors import ConnectError, DeviceStateError
@@ -151,19 +151,24 @@ def tracker_for_all() -> Iterator[ScriptedTracker]:
 
 def test_trackers_answer_a_call_on_the_networks_of_this_machine() -> None:
     with tracker_for_all() as scripted:
-        assert find_trackers(scripted.port)["127.0.0.1"] == "Motive 3.1"
+        assert find_trackers(scripted.port, "127.0.0.1") == {"127.0.0.1": "Motive 3.1"}
+        assert find_trackers(scripted.port, "127.0.32.5") == {"127.0.0.1": "Motive 3.1"}
         assert find_trackers(scripted.port, "192.0.2.1") == {}
 
 
+def test_this_computer_is_one_of_the_networks() -> None:
+    assert ("127.0.0.1", "127.255.255.255") in networks._networks()
+
+
 def test_a_call_that_nobody_answers_finds_nobody() -> None:
-    assert find_trackers(free_port()) == {}
+    assert find_trackers(free_port(), "127.0.0.1") == {}
 
 
 def test_garbage_in_answer_to_a_call_is_passed_over() -> None:
     with tracker_for_all() as scripted:
         answer = scripted.reply
         scripted.reply = lambda message, payload: (answer(message, payload) or b"")[:50]
-        assert find_trackers(scripted.port) == {}
+        assert find_trackers(scripted.port, "127.0.0.1") == {}
 
 
 def test_when_the_tracker_does_not_answer_those_that_do_are_named(

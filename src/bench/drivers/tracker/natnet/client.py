@@ -9,8 +9,9 @@ from collections.abc import Callable
 from bench.config import TrackerConfig
 from bench.drivers.base import RecordSink
 from bench.drivers.flight import FlightRecorder
+from bench.drivers.receive import KERNEL
 from bench.drivers.tracker.natnet.handshake import CONNECT, begin_streaming, connect, describe, name_software
-from bench.drivers.tracker.natnet.link import CommandLink
+from bench.drivers.tracker.natnet.link import LONGEST_WAIT_S, CommandLink
 from bench.drivers.tracker.natnet.messages import ServerInfo
 from bench.drivers.tracker.natnet.stream import FrameStream
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
@@ -28,6 +29,11 @@ SILENCE_S = 1.0
 """Machine time without a frame after which the link counts as lost: 100 frames at 100 Hz."""
 RECONNECT_S = 1.0
 """Machine time between two attempts to meet a lost tracker again."""
+CHORES_S = 0.02
+"""Machine time between two looks at what else is due, so that they do not cost something for each frame."""
+GATHERING_S = 0.02
+"""Machine time; nobody waits for a frame. Of 360 a second, seven come meanwhile: after a sleep the first costs 0.1 ms,
+each that follows at once 0.02 ms (measured 2026-11)."""
 JOIN_S = 2.0
 
 
@@ -70,6 +76,7 @@ class NatNetTracker:
         self._sink: RecordSink = lambda _record: None
         self._stream: FrameStream | None = None
         self._server: ServerInfo | None = None
+        self._next_chores_ns = 0
         self._next_keepalive_ns = 0
         self._next_connect_ns = 0
 
@@ -127,17 +134,33 @@ class NatNetTracker:
         if stream is None:
             return
         stream.start()
+        wait_s = LONGEST_WAIT_S
         while not self._stopping.is_set():
-            received = self._link.receive()
+            received = self._link.receive(wait_s)
             if received is not None:
                 stream.take(*received)
             now_ns = self._clock.now_ns()
-            self._keep_alive(now_ns)
-            stream.keep_up(now_ns)
-            self._watch_silence(stream, now_ns, is_idle=received is None)
+            if received is None or now_ns >= self._next_chores_ns:
+                self._next_chores_ns = now_ns + patience_ns(self._clock, CHORES_S)
+                self._keep_alive(now_ns)
+                stream.keep_up(now_ns)
+                self._watch_silence(stream, now_ns, is_idle=received is None)
+            wait_s = self._let_packets_gather(now_ns, is_idle=received is None, has_waited=wait_s > 0.0)
         stream.finish()
         if remark := self._link.remark():
             self._say(Severity.INFO, remark)
+
+    def _let_packets_gather(self, now_ns: int, *, is_idle: bool, has_waited: bool) -> float:
+        """Where the kernel stamps arrivals, read what came in a moment at once, and return how long to wait for more.
+
+        Most of what a frame costs is waking up for it: Python's own memory has to come back to the processor's.
+        """
+        if self._link.stamped_by != KERNEL:
+            return LONGEST_WAIT_S
+        if is_idle and not has_waited:
+            self._clock.sleep_until_ns(now_ns + patience_ns(self._clock, GATHERING_S))
+            return LONGEST_WAIT_S
+        return LONGEST_WAIT_S if is_idle else 0.0
 
     def _keep_alive(self, now_ns: int) -> None:
         if now_ns >= self._next_keepalive_ns:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ipaddress import ip_address
 from struct import Struct
 
 from bench.config import TrackerConfig
@@ -49,13 +50,14 @@ def connect(link: CommandLink, config: TrackerConfig) -> ServerInfo:
         raise ConnectError(
             f"The tracker at {link.name} does not answer: no NatNet server info within "
             f"{CONNECT_TRIES * CONNECT_WAIT_S:g} s.",
-            hint=_advise(config),
+            hint=_advise(link, config),
         )
     return decode_server_info(answer[1])
 
 
-def _advise(config: TrackerConfig) -> str:
-    found = find_trackers(config.command_port, config.local_address)
+def _advise(link: CommandLink, config: TrackerConfig) -> str:
+    is_on_this_computer = ip_address(link.local_address).is_loopback
+    found = find_trackers(config.command_port, link.local_address if is_on_this_computer else config.local_address)
     found.pop(config.host, None)
     if not found:
         return (

@@ -13,7 +13,7 @@ from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, split_pac
 from bench.errors import ConnectError
 from bench.timing import Clock, patience_ns
 
-__all__ = ["CommandLink"]
+__all__ = ["LONGEST_WAIT_S", "CommandLink"]
 
 RECEIVE_BUFFER_BYTES = 4 << 20
 """4 MiB hold 4 s of 360 frames a second with 100 markers, should this process be held up."""
@@ -29,11 +29,10 @@ class CommandLink:
         self._flight = flight
         self._clock = clock
         self._socket: socket.socket | None = None
-        self._stamps: StampedSocket | None = None
-        self._group: tuple[str, int] | None = None
         self._group_socket: socket.socket | None = None
+        self._group: tuple[str, int] | None = None
         self._listening: dict[int, StampedSocket] = {}
-        self._poll: select.poll | None = None
+        self._poll = select.poll()
         self._peer = ("", 0)
         self.local_address = ""
         self.receive_buffer_bytes = 0
@@ -57,7 +56,7 @@ class CommandLink:
         self.local_address = self._config.local_address or self._route()
         link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
-            _make_roomy(link)
+            _prepare(link)
             link.bind((self.local_address, 0))
         except OSError as error:
             link.close()
@@ -65,10 +64,10 @@ class CommandLink:
                 f"Our own address {self.local_address} towards the tracker cannot be used: {error.strerror}.",
                 hint="Set [tracker] local_address to an address of this machine, or leave it out.",
             ) from error
+        self.local_address = str(link.getsockname()[0])
         self.receive_buffer_bytes = link.getsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF)
         self._socket = link
-        self._stamps = StampedSocket(link, self._clock, LARGEST_PACKET)
-        self.stamped_by = self._stamps.stamped_by
+        self.stamped_by = self._listen(link)
 
     def follow(self, group: str, port: int) -> None:
         """Receive a multicast too, on the network card of our own address; one that was followed before no longer.
@@ -78,31 +77,36 @@ class CommandLink:
         ConnectError
             It cannot be received.
         """
-        if self._stamps is None or self._socket is None or self._group == (group, port):
+        if self._socket is None or self._group == (group, port):
             return
         self.unfollow()
         listener = open_group_socket(group, port, self.local_address)
-        _make_roomy(listener)
+        _prepare(listener)
         self._group, self._group_socket = (group, port), listener
-        both = {self._socket: self._stamps, listener: StampedSocket(listener, self._clock, LARGEST_PACKET)}
-        self._listening = {one.fileno(): stamped for one, stamped in both.items()}
-        self._poll = select.poll()
-        for number in self._listening:
-            self._poll.register(number, select.POLLIN)
+        self._listen(listener)
 
     def unfollow(self) -> None:
         """Receive what is sent to us alone."""
-        self._group = self._poll = None
-        self._listening = {}
-        if self._group_socket is not None:
-            self._group_socket.close()
-            self._group_socket = None
+        self._drop(self._group_socket)
+        self._group_socket = self._group = None
 
     def close(self) -> None:
         self.unfollow()
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = self._stamps = None
+        self._drop(self._socket)
+        self._socket = None
+
+    def _listen(self, link: socket.socket) -> str:
+        """Receive from a socket too, and return who stamps what arrives."""
+        stamped = StampedSocket(link, self._clock, LARGEST_PACKET)
+        self._listening[link.fileno()] = stamped
+        self._poll.register(link, select.POLLIN)
+        return stamped.stamped_by
+
+    def _drop(self, link: socket.socket | None) -> None:
+        if link is not None:
+            self._poll.unregister(link)
+            del self._listening[link.fileno()]
+            link.close()
 
     def send(self, packet: bytes) -> bool:
         """Send one packet; False if the network refuses it, which the silence that follows will show."""
@@ -115,13 +119,13 @@ class CommandLink:
             return False
         return True
 
-    def receive(self) -> tuple[bytes, int] | None:
+    def receive(self, wait_s: float = LONGEST_WAIT_S) -> tuple[bytes, int] | None:
         """Return the next packet of the tracker with its arrival in host time, or None if none came for a while."""
-        ready = self._stamps if self._poll is None else self._wait_for_one(self._poll)
-        if ready is None:
+        waiting = self._poll.poll(wait_s * 1000)
+        if not waiting:
             return None
         try:
-            packet, sender, arrival_ns = ready.receive()
+            packet, sender, arrival_ns = self._listening[waiting[0][0]].receive()
         except OSError:
             return None
         if sender[0] != self._peer[0]:
@@ -129,14 +133,9 @@ class CommandLink:
         self._flight.note_received(packet, arrival_ns)
         return packet, arrival_ns
 
-    def _wait_for_one(self, poll: select.poll) -> StampedSocket | None:
-        waiting = poll.poll(LONGEST_WAIT_S * 1000)
-        return self._listening[waiting[0][0]] if waiting else None
-
     def remark(self) -> str:
         """Return a sentence if the kernel left out many stamps; else empty."""
-        remarks = (one.remark() for one in (*self._listening.values(), self._stamps) if one is not None)
-        return next(filter(None, remarks), "")
+        return next(filter(None, (one.remark() for one in self._listening.values())), "")
 
     def ask(
         self, question: bytes, answers: tuple[Message, ...], *, tries: int, wait_s: float
@@ -194,6 +193,6 @@ class CommandLink:
             return str(probe.getsockname()[0])
 
 
-def _make_roomy(link: socket.socket) -> None:
+def _prepare(link: socket.socket) -> None:
     link.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
-    link.settimeout(LONGEST_WAIT_S)
+    link.setblocking(False)

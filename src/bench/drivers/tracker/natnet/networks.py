@@ -16,7 +16,7 @@ __all__ = ["find_trackers", "open_group_socket"]
 
 SIOCGIFADDR, SIOCGIFBRDADDR = 0x8915, 0x8919
 """linux/sockios.h: an interface's address, and the one that reaches all on its network."""
-NONE = socket.inet_ntoa(bytes(4))
+NONE, LOOPBACK = socket.inet_ntoa(bytes(4)), "127."
 INTERFACE_NAME = Struct("16s240x")
 INTERFACE_ADDRESS = Struct("20x4s232x")
 """struct ifreq, with room to spare."""
@@ -60,7 +60,7 @@ def find_trackers(command_port: int, local_address: str = "") -> dict[str, str]:
     ----------
     command_port : int
     local_address : str, optional
-        Call on the network of this address alone.
+        Call on the network of this address alone; of a loopback address, on this computer alone.
 
     Returns
     -------
@@ -72,7 +72,7 @@ def find_trackers(command_port: int, local_address: str = "") -> dict[str, str]:
     sockets = [
         caller
         for own, everyone in _networks()
-        if local_address in ("", own) and (caller := _call(own, (everyone, command_port), call)) is not None
+        if _is_wanted(own, local_address) and (caller := _call(own, (everyone, command_port), call)) is not None
     ]
     try:
         deadline = time.monotonic() + CALL_S
@@ -82,6 +82,10 @@ def find_trackers(command_port: int, local_address: str = "") -> dict[str, str]:
         for caller in sockets:
             caller.close()
     return found
+
+
+def _is_wanted(own: str, local_address: str) -> bool:
+    return local_address in ("", own) or (own.startswith(LOOPBACK) and local_address.startswith(LOOPBACK))
 
 
 def _networks() -> list[tuple[str, str]]:
@@ -104,7 +108,7 @@ def _ask_interface(probe: socket.socket, what: int, request: bytes) -> str:
 
 def _loopback_broadcast(own: str) -> str:
     """Return the broadcast address that the loopback network has without naming it; empty for other networks."""
-    return "127.255.255.255" if own.startswith("127.") else ""
+    return "127.255.255.255" if own.startswith(LOOPBACK) else ""
 
 
 def _call(own: str, everyone: tuple[str, int], call: bytes) -> socket.socket | None:

@@ -49,11 +49,10 @@ def make_record(
     frame: Frame, ticks: int, stamp: StampKind, arrival_ns: int, capture_ns: int, segment: int
 ) -> TrackerFrame:
     """Make the record of one frame: all points the tracker sent, in its order, and the rigid bodies."""
-    if len(frame.labeled):
-        labeled = frame.labeled
-        points = np.ascontiguousarray(labeled["position_m"])
-        ids, flags = np.ascontiguousarray(labeled["id"]), labeled["params"].astype(np.uint32)
-        residual = np.ascontiguousarray(labeled["residual_m"])
+    labeled = frame.labeled
+    if len(labeled):
+        points, ids, residual = labeled["position_m"].copy(), labeled["id"].copy(), labeled["residual_m"].copy()
+        flags = labeled["params"].astype(np.uint32)
     else:
         points = _free_points(frame)
         ids = np.full(len(points), NO_ID, dtype=np.uint32)
