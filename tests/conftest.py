@@ -35,6 +35,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     lab.addoption("--tracker", metavar="HOST", help="address of a real tracker")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Let test files that serve the same loopback addresses run one after the other: ``-n 2 --dist loadgroup``."""
     groups: dict[str, str] = {}

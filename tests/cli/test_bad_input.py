@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -103,7 +104,7 @@ def test_speed_is_for_the_simulated_bench_only(tmp_path: Path) -> None:
 
 def test_a_simulated_bench_on_a_real_address_is_refused(tmp_path: Path) -> None:
     config = tmp_path / "lab.toml"
-    config.write_text(simulated_text().replace("127.0.41", "192.0.2"))
+    config.write_text(re.sub(r"127\.\d+\.41\.", "192.0.2.", simulated_text()))
     one_sentence(bench("run", config, "--cycles", "1", "--output", tmp_path / "a.mcap"), 2)
 
 
