@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench.drivers.takes import read_take
+from bench.model import TrackerFrame
+
 DATA = Path(__file__).parent / "data"
 WITH_MARKERS = DATA / "ha5dzs" / "test_markers_enabled.csv"
 WITHOUT_MARKERS = DATA / "ha5dzs" / "test_default.csv"
@@ -117,6 +120,11 @@ class TrackingToolsTake:
         tail = "1000,marker" if self.version == "1.1" else "0"
         seen = "".join(f",{x:.8f},{y:.8f},{z:.8f},{tail}" for x, y, z in points)
         return f"frame,{i},{i * self.step_s:.8f},1,{pose},{len(points)}{seen}"
+
+
+def read_all(path: Path) -> list[TrackerFrame]:
+    """Read a take to its end, where what is wrong with a cell is found at the latest."""
+    return list(read_take(path).frames)
 
 
 def write(folder: Path, text: str | bytes, name: str = "take.csv") -> Path:

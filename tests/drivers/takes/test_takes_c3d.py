@@ -8,7 +8,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 import pytest
-from take_files import BEAM, write
+from take_files import BEAM, read_all, write
 
 from bench.drivers.takes import c3d, read_take
 from bench.errors import RecordingError
@@ -67,8 +67,8 @@ def test_an_unknown_unit_and_a_file_without_points_are_refused(tmp_path: Path) -
     points = np.ones((3, 1, 2))
     with pytest.raises(RecordingError, match="length unit 'parsec'"):
         read_take(make_c3d(tmp_path / "a.c3d", points, UNITS=["parsec"]))
-    with pytest.raises(RecordingError, match="no point is seen in any of its 2 frames"):
-        read_take(make_c3d(tmp_path / "c.c3d", points * np.nan))
+    with pytest.raises(RecordingError, match="no marker is seen in any of its 2 frames"):
+        read_all(make_c3d(tmp_path / "c.c3d", points * np.nan))
 
 
 def test_a_senseless_rate_is_refused(tmp_path: Path) -> None:

@@ -18,10 +18,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.drivers.takes.grid import METRES_PER_UNIT, Survey, grid_ticks, parse_rate
-from bench.drivers.takes.take import MAX_POSITION_M, Row, Take, TakeInfo, make_frame, unreadable
+from bench.drivers.takes.rows import Floats, Mask, Rows, Stamps, make_frames
+from bench.drivers.takes.take import MAX_POSITION_M, Take, TakeInfo, unreadable
 from bench.errors import RecordingError
 from bench.model import UNLABELED, StampKind
 
@@ -40,9 +40,8 @@ SLOWEST_BYTES_PER_S = 1e6
 LEAST_MEMORY_BYTES = 2 << 30
 MEMORY_PER_BYTE = 40
 """ezc3d and its arrays take 16 times the file (2026-11, 29 MB); room for fewer points a frame."""
+FRAMES_AT_ONCE = 1000
 DAMAGED = "The file may be cut off or damaged: export it again."
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,10 +72,7 @@ def read_c3d(path: Path) -> Take:
     units, metres_per_unit = _units(path.name, content, warnings)
     frames = _frames(path.name, content, metres_per_unit)
     survey = Survey()
-    for row in frames.rows():
-        survey.add(row)
-    if survey.n_points == 0:
-        raise unreadable(path.name, f"no point is seen in any of its {survey.n_frames} frames")
+    survey.add(frames.stamps(0, frames.seen.shape[1]))
     promised = _promised(header, content, survey.n_frames)
     info = TakeInfo(
         format="C3D",
@@ -86,13 +82,10 @@ def read_c3d(path: Path) -> Take:
         units=units,
         frames_promised=promised,
         frames_found=survey.n_frames,
-        points_min=survey.points_min,
-        points_max=survey.points_max,
         marker_names=_names(content),
         warnings=(*warnings, *survey.warnings(promised)),
     )
-    ticks = grid_ticks(rate)
-    return Take(info, (make_frame(row, ticks(row), info) for row in frames.rows()))
+    return Take(info, make_frames(path.name, frames.rows(), grid_ticks(rate), info))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,23 +144,27 @@ class _Frames:
     """All frames: positions (3, n, F) and residuals (n, F) in metres, and which points were seen (n, F)."""
 
     points_m: Floats
-    seen: npt.NDArray[np.bool_]
+    seen: Mask
     residual_m: Floats
 
-    def rows(self) -> Iterator[Row]:
-        """Yield the frames, numbered from 0."""
-        for number in range(self.seen.shape[1]):
-            seen = self.seen[:, number]
-            ids = np.flatnonzero(seen).astype(np.uint32)
-            yield Row(
-                line=0,
-                number=number,
-                time_s=float("nan"),
-                points_m=self.points_m[:, seen, number].T.astype(np.float32),
-                ids=ids,
-                flags=np.full(len(ids), UNLABELED, np.uint32),
-                bodies=(),
-                residual_m=self.residual_m[seen, number].astype(np.float32),
+    def stamps(self, start: int, stop: int) -> Stamps:
+        """Return what is known of when the frames were captured: their numbers, from 0."""
+        number = np.arange(start, stop)
+        return Stamps(np.zeros(len(number), np.int64), number, np.full(len(number), np.nan))
+
+    def rows(self) -> Iterator[Rows]:
+        """Yield the frames, some at a time."""
+        for start in range(0, self.seen.shape[1], FRAMES_AT_ONCE):
+            part = slice(start, start + FRAMES_AT_ONCE)
+            seen = self.seen[:, part].T
+            ids = np.nonzero(seen)[1].astype(np.uint32)
+            yield Rows(
+                self.stamps(start, start + len(seen)),
+                seen.sum(axis=1),
+                self.points_m[:, :, part].transpose(2, 1, 0)[seen].astype(np.float32),
+                ids,
+                np.full(len(ids), UNLABELED, np.uint32),
+                self.residual_m[:, part].T[seen].astype(np.float32),
             )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from bench.drivers.takes.c3d import is_c3d, read_c3d
 from bench.drivers.takes.motive_csv import read_motive
 from bench.drivers.takes.take import Take, unreadable
-from bench.drivers.takes.text import TextFile, split_cells
+from bench.drivers.takes.text import Progress, TextFile, split_cells
 from bench.drivers.takes.tracking_tools import KEYWORDS, read_tracking_tools
 
 __all__ = ["read_take"]
@@ -16,7 +16,7 @@ SNIFF_BYTES = 1024
 KNOWN = "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), and C3D files."
 
 
-def read_take(path: Path) -> Take:
+def read_take(path: Path, progress: Progress | None = None) -> Take:
     """Read a take: a Motive or Tracking Tools CSV export, or a C3D file, told apart by what is in it.
 
     The whole file is looked at once before the first frame is given out, so that an error comes before anything
@@ -46,9 +46,9 @@ def read_take(path: Path) -> Take:
     line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""
     first = next((cell.strip() for cell in split_cells(line)), "")
     if first == "Format Version":
-        return read_motive(file)
+        return read_motive(file, progress)
     if first.lower() in KEYWORDS:
-        return read_tracking_tools(file)
+        return read_tracking_tools(file, progress)
     if first.startswith("Format Version"):
         raise unreadable(path.name, "its cells are not separated by commas", "Export it again from Motive, as CSV.")
     raise unreadable(path.name, "it is no take that bench knows", KNOWN)
