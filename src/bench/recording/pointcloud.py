@@ -49,7 +49,7 @@ _POINTS_AT = _LAYOUT.offset_of("data")
 _WIDTH_AT = _LAYOUT.offset_of("width")
 _STAMP_AT = _LAYOUT.offset_of("header.stamp.sec")
 _ROW_AT = _LAYOUT.offset_of("row_step")
-_TAIL = _EMPTY[_POINTS_AT:]
+_HEAD, _TAIL = _EMPTY[:_POINTS_AT], _EMPTY[_POINTS_AT:]
 CLOUD_TAIL_SIZE = len(_TAIL)
 """Bytes after the points: `is_dense`."""
 _CHANGING = {"header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "width", "row_step", "data"}
@@ -67,13 +67,11 @@ def encode_cloud(frame: TrackerFrame) -> bytes:
         The frame's arrays are not of the same length.
     """
     points = _pack_points(frame)
-    out = bytearray(_EMPTY[:_POINTS_AT])
+    out = bytearray(_HEAD)
     _STAMP.pack_into(out, _STAMP_AT, *split_stamp(frame.capture_ns))
     _WIDTH.pack_into(out, _WIDTH_AT, len(points))
     _ROW.pack_into(out, _ROW_AT, points.nbytes, points.nbytes)
-    out += points.tobytes()
-    out += _TAIL
-    return bytes(out)
+    return b"".join((out, points.data, _TAIL))
 
 
 def verify_cloud(values: Mapping[str, Any]) -> None:

@@ -119,6 +119,7 @@ class _FixedEncoder:
         layout = Layout.of(load_schema(TOPICS[topic].schema))
         self._packer = layout.packer
         self._arrays = [leaf.count is not None for leaf in layout.leaves]
+        self._has_arrays = any(self._arrays)
         self._paths = [leaf.path for leaf in layout.leaves]
         self._attributes = attrgetter(*self._paths)
 
@@ -130,6 +131,8 @@ class _FixedEncoder:
         return self._pack([values[path] for path in self._paths])
 
     def _pack(self, values: Iterable[Any]) -> bytes:
+        if not self._has_arrays:
+            return self._packer.pack(HEADER, *values)
         flat: list[Any] = [HEADER]
         for is_array, value in zip(self._arrays, values, strict=True):
             if is_array:

@@ -362,7 +362,7 @@ class RunWriter:
 
 def _clamp_ns(unix_ns: int) -> int:
     """MCAP's own times are unsigned; the message keeps the time as it was given."""
-    return min(max(unix_ns, 0), _LAST_NS)
+    return unix_ns if 0 <= unix_ns <= _LAST_NS else min(max(unix_ns, 0), _LAST_NS)
 
 
 def _describe_run(run_id: str, clock: Clock, versions: Mapping[str, str]) -> dict[str, str]:

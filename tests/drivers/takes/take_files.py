@@ -122,6 +122,47 @@ class TrackingToolsTake:
         return f"frame,{i},{i * self.step_s:.8f},1,{pose},{len(points)}{seen}"
 
 
+@dataclass
+class TrcTake:
+    """What is to stand in a TRC file: markers by name, and for each frame one point or None for each of them."""
+
+    names: Sequence[str]
+    frames: Sequence[Sequence[Point]]
+    rate: str = "120.00"
+    units: str = "mm"
+    first_frame: int = 1
+    promised: int | None = None
+    blank_line: bool = True
+
+    def text(self) -> str:
+        """Return the file."""
+        n = len(self.names)
+        count = len(self.frames) if self.promised is None else self.promised
+        keys = [
+            "DataRate",
+            "CameraRate",
+            "NumFrames",
+            "NumMarkers",
+            "Units",
+            "OrigDataRate",
+            "OrigDataStartFrame",
+            "OrigNumFrames",
+        ]
+        values = [self.rate, self.rate, str(count), str(n), self.units, self.rate, str(self.first_frame), str(count)]
+        lines = [
+            ["PathFileType", "4", "(X/Y/Z)", "test.trc"],
+            keys,
+            values,
+            ["Frame#", "Time", *(cell for name in self.names for cell in (name, "", ""))],
+            ["", "", *(f"{axis}{i}" for i in range(1, n + 1) for axis in "XYZ")],
+        ]
+        lines += [[]] * self.blank_line
+        for i, points in enumerate(self.frames):
+            cells = [f"{value:.6f}" if point else "" for point in points for value in point or (0, 0, 0)]
+            lines.append([str(self.first_frame + i), f"{i / float(self.rate):.3f}", *cells])
+        return "\n".join("\t".join(line) for line in lines) + "\n"
+
+
 def read_all(path: Path) -> list[TrackerFrame]:
     """Read a take to its end, where what is wrong with a cell is found at the latest."""
     return list(read_take(path).frames)

@@ -72,8 +72,7 @@ class ColumnTable:
             return None
         number = table.column(0).to_numpy()
         time_s = np.full(len(number), NAN) if self.time_column is None else table.column(1).to_numpy()
-        found = [table.column(str(column)).to_numpy() for column in columns]
-        values = np.stack(found, axis=1) if found else np.empty((len(number), 0))
+        values = _as_matrix(table.select([str(column) for column in columns]))
         stamps = Stamps(block.first_line + np.arange(len(number)), number, time_s)
         return NumberBlock(stamps, values) if self._is_sound(stamps) and not np.isinf(values).any() else None
 
@@ -140,6 +139,15 @@ def _parse(data: bytes, delimiter: str, n_columns: int, kinds: dict[str, pa.Data
         return None
 
 
+def _as_matrix(table: pa.Table) -> Floats:
+    """Return a table of floats with a row for each of its rows, NaN where a cell is blank."""
+    if table.num_columns == 0:
+        return np.empty((table.num_rows, 0))
+    (batch,) = table.combine_chunks().to_batches()
+    matrix: Floats = batch.to_tensor(null_to_nan=True).to_numpy()
+    return matrix
+
+
 def make_rows(
     table: ColumnTable, block: NumberBlock, names: Sequence[str], flags: Words, metres_per_unit: float
 ) -> Rows:
@@ -154,11 +162,12 @@ def make_rows(
     """
     n_markers = len(names)
     points_m = block.values[:, : 3 * n_markers].reshape(-1, n_markers, 3) * metres_per_unit
-    missing = np.isnan(points_m)
-    seen: Mask = np.asarray(~missing.any(axis=2))
-    _refuse(table, block, names, np.asarray(~seen & ~missing.all(axis=2)), "has not all of X, Y and Z")
-    far = (np.abs(points_m) >= MAX_POSITION_M).any(axis=2)
-    _refuse(table, block, names, np.asarray(seen & far), f"is more than {MAX_POSITION_M:g} m away")
+    no_x, no_y, no_z = np.isnan(points_m).transpose(2, 0, 1)
+    seen: Mask = ~(no_x | no_y | no_z)
+    _refuse(table, block, names, (no_x != no_y) | (no_y != no_z), "has not all of X, Y and Z")
+    is_far = np.abs(points_m) >= MAX_POSITION_M
+    if is_far.any():
+        _refuse(table, block, names, np.asarray(is_far.any(axis=2)), f"is more than {MAX_POSITION_M:g} m away")
     ids = np.nonzero(seen)[1]
     return Rows(
         block.stamps,

@@ -34,10 +34,11 @@ class Block:
     """Number of the first of them, from 1."""
     data: bytes
     """UTF-8, lines ending in a line feed."""
+    n_lines: int
 
-    @property
-    def n_lines(self) -> int:
-        return self.data.count(b"\n")
+    @classmethod
+    def of(cls, first_line: int, data: bytes) -> Block:
+        return cls(first_line, data, data.count(b"\n"))
 
     def lines(self) -> Iterator[tuple[int, str]]:
         """Yield (line number, line without its end)."""
@@ -47,7 +48,7 @@ class Block:
     def after(self, line: int) -> Block:
         """Return what is left from `line` on."""
         kept = self.data.split(b"\n", line - self.first_line)
-        return Block(line, kept[-1]) if len(kept) > line - self.first_line else Block(line, b"")
+        return Block.of(line, kept[-1] if len(kept) > line - self.first_line else b"")
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +86,13 @@ class TextFile:
         """
         line, rest = 1, b""
         for data in self._chunks(progress):
-            whole, end, rest_of_it = data.rpartition(b"\n")
+            end = data.rfind(b"\n") + 1
             if end:
-                block = Block(line, rest + whole + end)
-                line, rest = line + block.n_lines, rest_of_it
+                block = Block.of(line, b"".join((rest, memoryview(data)[:end])))
+                line, rest = line + block.n_lines, data[end:]
                 yield block
             else:
-                rest += rest_of_it
+                rest += data
             if len(rest) > MAX_LINE_BYTES:
                 raise self.at(line, f"it is longer than {MAX_LINE_BYTES >> 20} MB, so this is no table")
         if rest and cut is not None:
@@ -108,17 +109,32 @@ class TextFile:
 
     def _chunks(self, progress: Progress | None) -> Iterator[bytes]:
         """Yield the file's bytes as UTF-8 without a mark, lines ending in a line feed."""
-        decoder = IncrementalNewlineDecoder(codecs.getincrementaldecoder(self.encoding)("replace"), translate=True)
+        decode = _Decoder(self.encoding)
         try:
             size = max(self.path.stat().st_size, 1)
             with self.path.open("rb") as file:
                 while data := file.read(BLOCK_BYTES):
-                    yield decoder.decode(data).encode()
+                    yield decode(data)
                     if progress is not None:
                         progress(min(file.tell() / size, 1.0))
         except OSError as error:
             raise unreadable(self.name, error.strerror or str(error)) from error
-        yield decoder.decode(b"", final=True).encode()
+        yield decode(b"", final=True)
+
+
+class _Decoder:
+    """Turns a file's bytes, block by block, into UTF-8 without a mark, lines ending in a line feed."""
+
+    def __init__(self, encoding: str) -> None:
+        inner = codecs.getincrementaldecoder(encoding)("replace")
+        self._decoder = IncrementalNewlineDecoder(inner, translate=True)
+        self._clean = self._decoder.getstate()
+        self._is_ascii = encoding.startswith("utf-8") or encoding == "latin-1"
+
+    def __call__(self, data: bytes, final: bool = False) -> bytes:
+        if self._is_ascii and data.isascii() and b"\r" not in data and self._decoder.getstate() == self._clean:
+            return data  # as it is, almost always
+        return self._decoder.decode(data, final=final).encode()
 
 
 def _find_encoding(path: Path) -> str:
