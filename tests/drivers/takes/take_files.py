@@ -99,6 +99,7 @@ class TrackingToolsTake:
     offsets: Sequence[tuple[float, float, float]] = ((0.01, 0.0, 0.0), (0.0, 0.02, 0.0), (-0.01, -0.02, 0.0))
     promised: int | None = None
     extended: bool = False
+    bodies: bool = True
 
     def text(self) -> str:
         """Return the export."""
@@ -106,9 +107,9 @@ class TrackingToolsTake:
         count = len(self.frames) if self.promised is None else self.promised
         lines = ['comment,"NaturalPoint Trackable Export Data"', "righthanded"]
         lines += [f"info,version,{self.version}"] * bool(self.version)
-        lines += [f"info,framecount,{count}", f"info,{word}count,1"]
+        lines += [f"info,framecount,{count}", f"info,{word}count,{int(self.bodies)}"]
         cells = ",".join(f"{v:.8f}" for offset in self.offsets for v in offset)
-        lines.append(f'{word},"{self.body}",7,{len(self.offsets)},{cells}')
+        lines += [f'{word},"{self.body}",7,{len(self.offsets)},{cells}'] * self.bodies
         for i, points in enumerate(self.frames):
             lines.append(self._frame(i, points))
             if self.extended:
@@ -116,10 +117,10 @@ class TrackingToolsTake:
         return "\n".join(lines) + "\n"
 
     def _frame(self, i: int, points: Sequence[tuple[float, float, float]]) -> str:
-        pose = "7,0.1,0.2,0.3,0,0,0,1,0.0,0.0,0.0"
+        pose = "1,7,0.1,0.2,0.3,0,0,0,1,0.0,0.0,0.0" if self.bodies else "0"
         tail = "1000,marker" if self.version == "1.1" else "0"
         seen = "".join(f",{x:.8f},{y:.8f},{z:.8f},{tail}" for x, y, z in points)
-        return f"frame,{i},{i * self.step_s:.8f},1,{pose},{len(points)}{seen}"
+        return f"frame,{i},{i * self.step_s:.8f},{pose},{len(points)}{seen}"
 
 
 @dataclass

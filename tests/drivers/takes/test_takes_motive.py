@@ -206,7 +206,7 @@ def test_a_take_saved_by_a_spreadsheet_as_utf_16_is_read(tmp_path: Path) -> None
         ("120.000000", "1e-99999999", r"the frame rate '1e-99999999' is no rate"),
         ("X,Y,Z", "X,Y,Y", r"does not give X, Y and Z once each for the marker 'Unlabeled 1'"),
         ("Frame,Time", "Rahmen,Zeit", r"no row that begins with 'Frame'"),
-        ("Format Version,", "Format Version;", r"not separated by commas"),
+        ("Format Version,", "Format Version;", r"separated by semicolons and not by commas"),
     ],
 )
 def test_damage_is_named_with_its_place(old: str, new: str, said: str, tmp_path: Path) -> None:

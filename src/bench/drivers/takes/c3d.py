@@ -41,6 +41,8 @@ LEAST_MEMORY_BYTES = 2 << 30
 MEMORY_PER_BYTE = 40
 """ezc3d and its arrays take 16 times the file (2026-11, 29 MB); room for fewer points a frame."""
 FRAMES_AT_ONCE = 1000
+MAX_FRAMES = 0xFFFF
+"""The header counts in 16 bits, and ezc3d reads no more (1.7.2), whatever the file holds."""
 DAMAGED = "The file may be cut off or damaged: export it again."
 
 
@@ -52,6 +54,8 @@ class C3dHeader:
     last_frame: int
     needed_bytes: int
     """Size that a file with this header has at least."""
+    held_frames: int
+    """Whole frames behind the header, at least: the last block may be full or not."""
 
 
 def is_c3d(start: bytes) -> bool:
@@ -74,6 +78,9 @@ def read_c3d(path: Path) -> Take:
     survey = Survey()
     survey.add(frames.stamps(0, frames.seen.shape[1]))
     promised = _promised(header, content, survey.n_frames)
+    if promised is not None and promised > MAX_FRAMES:
+        more = promised - MAX_FRAMES
+        warnings.append(f"C3D counts {MAX_FRAMES} frames at most: some {more} more are in the file and are not read.")
     info = TakeInfo(
         format="C3D",
         version="",
@@ -83,7 +90,8 @@ def read_c3d(path: Path) -> Take:
         frames_promised=promised,
         frames_found=survey.n_frames,
         marker_names=_names(content),
-        warnings=(*warnings, *survey.warnings(promised)),
+        detail=_up_axis(content),
+        warnings=(*warnings, *survey.warnings(None if survey.n_frames == MAX_FRAMES else promised)),
     )
     return Take(info, make_frames(path.name, frames.rows(), grid_ticks(rate), info))
 
@@ -178,7 +186,12 @@ def _rate(name: str, content: C3dContent) -> Fraction:
 
 
 def _units(name: str, content: C3dContent, warnings: list[str]) -> tuple[str, float]:
-    units = str(next(iter(content.parameters.get("UNITS", [])), "")).strip()
+    named = {str(units).strip().lower(): str(units).strip() for units in content.parameters.get("UNITS", [])}
+    if len(named) > 1:
+        raise unreadable(
+            name, f"its length unit is {' and '.join(map(repr, named.values()))}", "Export it in one unit."
+        )
+    units = next(iter(named.values()), "")
     if not units:
         warnings.append("The file names no length unit: millimetres are assumed, as is usual in C3D files.")
         return "mm", METRES_PER_UNIT["mm"]
@@ -195,10 +208,18 @@ def _names(content: C3dContent) -> dict[int, str]:
 
 
 def _promised(header: C3dHeader, content: C3dContent, found: int) -> int | None:
-    """Return the header's number of frames; its 16 bits cannot count beyond 65 535, and then it is not asked."""
+    """Return the number of frames by the header, or by the file's size where the header's 16 bits are exhausted."""
+    if found >= MAX_FRAMES:
+        return max(header.held_frames, found)
     promised = header.last_frame - header.first_frame + 1
-    longer = header.last_frame >= 0xFFFF or content.has_trial or found > promised
+    longer = header.last_frame >= MAX_FRAMES or content.has_trial or found > promised
     return None if longer else promised
+
+
+def _up_axis(content: C3dContent) -> dict[str, str]:
+    """Return which axis a viewer is to draw upwards, where the file says it."""
+    said = str(next(iter(content.parameters.get("Y_SCREEN", [])), "")).strip().lower().removeprefix("+")
+    return {"up_axis": said} if said in ("x", "y", "z") else {}
 
 
 def _verify_sizes(path: Path) -> C3dHeader:
@@ -218,19 +239,21 @@ def _verify_sizes(path: Path) -> C3dHeader:
         raise unreadable(path.name, f"its processor type {section[3]} is not known", DAMAGED)
     if section[3] == DEC:
         raise unreadable(path.name, "it holds VAX numbers (processor type 85)", "Convert it to the Intel format.")
-    header = _parse_header(block, "<" if section[3] == INTEL else ">")
+    header = _parse_header(block, "<" if section[3] == INTEL else ">", size)
     if size < max(header.needed_bytes, at + section[2] * BLOCK_BYTES):
         raise _cut(path)
     return header
 
 
-def _parse_header(block: bytes, order: str) -> C3dHeader:
+def _parse_header(block: bytes, order: str, size: int) -> C3dHeader:
     n_points, n_analog, first, last = struct.unpack_from(order + "4H", block, 2)
     (scale,) = struct.unpack_from(order + "f", block, 12)
     (data_block,) = struct.unpack_from(order + "H", block, 16)
     value_bytes = 4 if scale < 0 else 2
     frame_bytes = (4 * n_points + n_analog) * value_bytes
-    return C3dHeader(first, last, max(data_block - 1, 0) * BLOCK_BYTES + frame_bytes * max(last - first + 1, 0))
+    start = max(data_block - 1, 0) * BLOCK_BYTES
+    held = max(size - start - BLOCK_BYTES + 1, 0) // max(frame_bytes, 1)
+    return C3dHeader(first, last, start + frame_bytes * max(last - first + 1, 0), held)
 
 
 def _cut(path: Path) -> RecordingError:

@@ -142,10 +142,16 @@ def _describe(table: ColumnTable, header: MotiveHeader, survey: GridSurvey) -> t
         capture_start=start_text,
         start_ns=start_ns,
         time_origin=time_origin,
-        detail={key: header.keys[key] for key in TAKE_KEYS if header.keys.get(key)},
+        detail={key: header.keys[key] for key in TAKE_KEYS if header.keys.get(key)} | _up_axis(header),
         warnings=(*header.warnings, *survey.warnings(header.promised), *_warnings(header, rate)),
     )
     return info, grid_ticks(rate) if rate else file_ticks
+
+
+def _up_axis(header: MotiveHeader) -> dict[str, str]:
+    """Return which axis is up: Motive's own exports do not say it, those of bench do."""
+    axis = header.keys.get("Up Axis", "").lower()
+    return {"up_axis": axis} if axis in ("x", "y", "z") else {}
 
 
 def _warnings(header: MotiveHeader, rate: Fraction | None) -> Iterator[str]:

@@ -14,6 +14,7 @@ from bench.drivers.takes.trc import FILE_TYPE, read_trc
 __all__ = ["read_take"]
 
 SNIFF_BYTES = 1024
+SEPARATORS = {";": "semicolons", "\t": "tabs"}
 KNOWN = "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D and TRC files."
 
 
@@ -55,7 +56,9 @@ def read_take(path: Path, progress: Progress | None = None) -> Take:
     if first.split(maxsplit=1)[:1] == [FILE_TYPE]:
         return read_trc(file, progress)
     if first.startswith("Format Version"):
-        raise unreadable(path.name, "its cells are not separated by commas", "Export it again from Motive, as CSV.")
+        found = next((name for sign, name in SEPARATORS.items() if sign in line), "something else")
+        what = f"its cells are separated by {found} and not by commas"
+        raise unreadable(path.name, what, "Export it again from Motive, or save it with commas and decimal points.")
     raise unreadable(path.name, "it is no take that bench knows", KNOWN)
 
 

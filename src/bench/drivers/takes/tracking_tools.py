@@ -126,7 +126,8 @@ def _read_stamps(file: TextFile, block: Block, unknown: dict[str, int]) -> Stamp
     stamps: list[tuple[int, int, float]] = []
     for line, text in block.lines():
         if text.startswith(FRAME):
-            stamps.append((line, *read_stamp(file, line, text.split(",", 4))))
+            cells = split_cells(text) if '"' in text else text.split(",", 4)
+            stamps.append((line, *read_stamp(file, line, cells)))
         elif text.strip(" ,"):
             word = split_cells(text)[0].strip()
             if word.lower() == "frame" or word.lower() not in KEYWORDS:
