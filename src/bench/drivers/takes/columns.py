@@ -22,7 +22,7 @@ __all__ = ["ColumnTable", "NumberBlock", "make_rows"]
 
 NAN = float("nan")
 FRAME = 0
-"""The frame number's column."""
+"""The frame number's column; 32 bits, as `MAX_FRAME_NUMBER` has."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,30 +65,27 @@ class ColumnTable:
         """Read the block if all of it is plain numbers, one row in every line; None if not."""
         line_end = block.data.index(b"\n")
         n_columns = block.data.count(self.delimiter.encode(), 0, line_end) + 1
-        if n_columns < len(self.labels):
+        has_hex = b"x" in block.data or b"X" in block.data  # Arrow takes 0x1F for a whole number
+        if n_columns < len(self.labels) or has_hex:
             return None
         table = _parse(block.data, self.delimiter, n_columns, self._kinds(columns, n_columns))
         if table is None or table.num_rows != block.n_lines or table.column(0).null_count:
             return None
-        number = table.column(0).to_numpy()
+        number = table.column(0).to_numpy().astype(np.int64)
         time_s = np.full(len(number), NAN) if self.time_column is None else table.column(1).to_numpy()
         values = _as_matrix(table.select([str(column) for column in columns]))
         stamps = Stamps(block.first_line + np.arange(len(number)), number, time_s)
-        return NumberBlock(stamps, values) if self._is_sound(stamps) and not np.isinf(values).any() else None
+        in_time = self.time_column is None or ((time_s >= 0) & (time_s < MAX_TIME_S)).all()
+        return NumberBlock(stamps, values) if in_time and not np.isinf(values).any() else None
 
     def _kinds(self, columns: Sequence[int], n_columns: int) -> dict[str, pa.DataType]:
         """Return what is expected in which column: frame, time, those asked for, and nothing beyond the header's."""
-        kinds = {FRAME: pa.int64()}
+        kinds = {FRAME: pa.uint32()}
         if self.time_column is not None:
             kinds[self.time_column] = pa.float64()
         kinds |= dict.fromkeys(columns, pa.float64())
         kinds |= dict.fromkeys(range(len(self.labels), n_columns), pa.null())
         return {str(column): kind for column, kind in kinds.items()}
-
-    def _is_sound(self, stamps: Stamps) -> bool:
-        numbers = ((stamps.number >= 0) & (stamps.number <= MAX_FRAME_NUMBER)).all()
-        times = self.time_column is None or ((stamps.time_s >= 0) & (stamps.time_s < MAX_TIME_S)).all()
-        return bool(numbers and times)
 
     def _read_line_by_line(self, block: Block, columns: Sequence[int]) -> NumberBlock:
         """Read what is plain to a reader, if not to Arrow. `RecordingError` names the first cell that is not."""

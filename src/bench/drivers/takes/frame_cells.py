@@ -45,13 +45,16 @@ class FrameCells:
 
     def floats(self, index: Ints) -> Floats:
         """Return the numbers in the cells at `index`. `ValueError` if one is no number."""
-        numbers: Floats = self._cast(index, pa.float64()).to_numpy().reshape(index.shape)
-        return numbers
+        numbers: Floats = compute.cast(self._take(index), pa.float64()).to_numpy()  # Arrow's error is a ValueError
+        return numbers.reshape(index.shape)
 
     def ints(self, index: Ints) -> Ints:
-        """Return the whole numbers in the cells at `index`. `ValueError` if one is none."""
-        numbers: Ints = self._cast(index, pa.int64()).to_numpy().reshape(index.shape)
-        return numbers
+        """Return the whole numbers in the cells at `index`, from 0. `ValueError` if one is none."""
+        text = self._take(index)
+        if compute.any(compute.match_substring(text, "x", ignore_case=True)).as_py():
+            raise ValueError("Arrow takes 0x1F for a whole number")
+        numbers: Ints = compute.cast(text, pa.uint32()).to_numpy().astype(np.int64)
+        return numbers.reshape(index.shape)
 
-    def _cast(self, index: Ints, kind: pa.DataType) -> pa.Array:
-        return compute.cast(self.text.take(pa.array(index.ravel())), kind)  # Arrow's error is a ValueError
+    def _take(self, index: Ints) -> pa.StringArray:
+        return self.text.take(pa.array(index.ravel()))

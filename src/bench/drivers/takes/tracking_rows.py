@@ -116,12 +116,12 @@ def _read_cells(cells: FrameCells, lines: Ints, header: Header) -> Rows | None:
     stamps = Stamps(lines, cells.ints(cells.first + 1), cells.floats(cells.first + 2))
     n_bodies = cells.ints(cells.first + 3)
     at = HEAD_CELLS + BODY_CELLS * n_bodies
-    if (n_bodies < 0).any() or (at >= cells.count).any():
+    if (at >= cells.count).any():
         return None
     n_points = cells.ints(cells.first + at)
     given = cells.count - at - 1
     size = np.where(given == 4 * n_points, 4, POINT_CELLS[header.version])
-    if (n_points < 0).any() or (given < size * n_points).any():
+    if (given < size * n_points).any():
         return None
     points = _spread(cells.first + at + 1, n_points, size)
     points_m = cells.floats(points[:, None] + np.arange(3))
@@ -136,8 +136,7 @@ def _read_cells(cells: FrameCells, lines: Ints, header: Header) -> Rows | None:
 def _plain_bodies(cells: FrameCells, n_bodies: Ints) -> list[tuple[RigidBody, ...]] | None:
     first = _spread(cells.first + HEAD_CELLS, n_bodies, np.full(len(n_bodies), BODY_CELLS))
     ids, pose = cells.ints(first), cells.floats(first[:, None] + np.arange(1, 8))
-    sound = (ids >= 0) & (ids <= MAX_FRAME_NUMBER) & np.isfinite(pose).all(axis=1)
-    if not (sound & (np.abs(pose[:, :3]) < MAX_POSITION_M).all(axis=1)).all():
+    if not (np.isfinite(pose).all(axis=1) & (np.abs(pose[:, :3]) < MAX_POSITION_M).all(axis=1)).all():
         return None
     all_bodies = iter(
         RigidBody(body_id, (x, y, z), (qx, qy, qz, qw))
@@ -153,8 +152,7 @@ def _spread(start: Ints, count: Ints, size: Ints) -> Ints:
 
 
 def _is_sound(stamps: Stamps) -> bool:
-    numbers = (stamps.number >= 0) & (stamps.number <= MAX_FRAME_NUMBER)
-    return bool((numbers & (stamps.time_s >= 0) & (stamps.time_s < MAX_TIME_S)).all())
+    return bool(((stamps.time_s >= 0) & (stamps.time_s < MAX_TIME_S)).all())
 
 
 def _rows(stamps: Stamps, n_points: Ints, points_m: Points, ids: Words, bodies: list[tuple[RigidBody, ...]]) -> Rows:

@@ -94,10 +94,10 @@ def _rows(table: ColumnTable, header: TrcHeader, metres_per_unit: float) -> Iter
 
 def _read_header(file: TextFile) -> TrcHeader:
     filled = ((line, split_cells(text, TAB)) for line, text in file.lines() if text.strip())
-    lines = [(line, [cell.strip() for cell in cells]) for line, cells in islice(filled, HEADER_LINES)]
+    lines = [(line, [cell.strip() for cell in cells]) for line, cells in islice(filled, HEADER_LINES + 1)]
     if len(lines) < HEADER_LINES:
         raise unreadable(file.name, "it ends within its header", DAMAGED)
-    (_, start), (_, keys), (_, values), (_, names), (last, axes) = lines
+    (_, start), (_, keys), (_, values), (_, names), (last, axes) = lines[:HEADER_LINES]
     if min(map(len, (start, keys, names))) < 2:
         raise unreadable(file.name, "its cells are not separated by tabs", "Export it again as TRC.")
     if not (names[0].lower().startswith("frame") and names[1].lower().startswith("time")):
@@ -109,7 +109,7 @@ def _read_header(file: TextFile) -> TrcHeader:
         names=tuple(_name(names, group) for group in columns),
         columns=columns,
         labels=tuple(_label(columns, names, i, label) for i, label in enumerate(labels)),
-        first_row=last + 1,
+        first_row=lines[HEADER_LINES][0] if len(lines) > HEADER_LINES else last + 1,  # often after a blank line
     )
 
 
