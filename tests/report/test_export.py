@@ -180,6 +180,18 @@ def test_parquet_is_the_reports_own_table(analysed: tuple[Run, Results], tmp_pat
     assert (tmp_path / "a.parquet").read_bytes() == (tmp_path / "report" / "markers.parquet").read_bytes()
 
 
+def test_parquet_is_imported_with_every_position_and_time(analysed: tuple[Run, Results], tmp_path: Path) -> None:
+    run, results = analysed
+    export_markers(run, results, ExportFormat.PARQUET, tmp_path / "a.parquet")
+    frames = list(read_take(tmp_path / "a.parquet").frames)
+    assert [frame.frame_number for frame in frames] == results.frames.frame_number.tolist()
+    assert [frame.capture_ns for frame in frames] == results.frames.time_ns.tolist()
+    for frame, expected in zip(frames, results.frames.position_m, strict=True):
+        seen = np.isfinite(expected[:, 0])
+        assert frame.ids.tolist() == np.flatnonzero(seen).tolist()
+        np.testing.assert_array_equal(frame.points_m, expected[seen])
+
+
 def test_the_time_of_the_first_frame_is_in_the_header(analysed: tuple[Run, Results], tmp_path: Path) -> None:
     run, results = analysed
     export_markers(run, results, ExportFormat.CSV, tmp_path / "a.csv")

@@ -21,7 +21,9 @@ __all__ = ["import_"]
 
 
 def import_(
-    take: Annotated[Path, typer.Argument(metavar="TAKE", help="Motive or Tracking Tools CSV export, or C3D file.")],
+    take: Annotated[
+        Path, typer.Argument(metavar="TAKE", help="Motive or Tracking Tools CSV export, C3D, TRC, or bench's Parquet.")
+    ],
     config: Annotated[Path, typer.Option("--config", help="Configuration with the [cable] to analyse it for.")],
     output: Annotated[Path, typer.Option("--output", help="Run file to write. Never overwritten.")],
 ) -> None:

@@ -92,14 +92,10 @@ def _pack_points(frame: TrackerFrame) -> npt.NDArray[np.uint32]:
     n = len(frame.points_m)
     if not len(frame.residual_m) == len(frame.ids) == len(frame.flags) == n:
         raise ValueError(f"frame {frame.frame_number}: {n} points, but not as many residuals, ids and flags")
-    packed = np.empty((n, 6), np.uint32)
-    packed[:, :3] = _bits(frame.points_m)
-    packed[:, 3] = _bits(frame.residual_m)
+    lengths_m = np.empty((n, 6), np.float32)  # copied as they are, even the payload of a NaN
+    lengths_m[:, :3] = frame.points_m
+    lengths_m[:, 3] = frame.residual_m
+    packed = lengths_m.view(np.uint32)
     packed[:, 4] = frame.ids
     packed[:, 5] = frame.flags
     return packed
-
-
-def _bits(lengths_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
-    """Return the floats' bit patterns, so that even the payload of a NaN is kept."""
-    return np.ascontiguousarray(lengths_m, np.float32).view(np.uint32)

@@ -277,15 +277,16 @@ class RunWriter:
             self._end_chunk()
 
     def _write_message(self, message: Message) -> None:
-        count = self._counts.write(message.topic)
+        topic, log_time_ns, publish_time_ns, sequence, payload = message
+        count = self._counts.write(topic)
         self._mcap.add_message(
-            self._channels[message.topic],
-            log_time=_clamp_ns(message.log_time_ns),
-            data=message.payload,
-            publish_time=_clamp_ns(message.publish_time_ns),
-            sequence=(count if message.sequence is None else message.sequence) & 0xFFFFFFFF,
+            self._channels[topic],
+            log_time=_clamp_ns(log_time_ns),
+            data=payload,
+            publish_time=_clamp_ns(publish_time_ns),
+            sequence=(count if sequence is None else sequence) & 0xFFFFFFFF,
         )
-        self._chunk_bytes += len(message.payload) + 31  # an MCAP message's own header
+        self._chunk_bytes += len(payload) + 31  # an MCAP message's own header
 
     def _report_refused(self, record: Record, error: Exception) -> None:
         if type(record) not in self._refused:

@@ -26,7 +26,7 @@ MAX_WAITING = 5_000
 """Frames in the recorder's queue before reading pauses: a take of any length needs memory for so many."""
 FRAMES_PER_STEP = 1000
 """Frames between two words about the progress."""
-LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d")
+LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d", "pyarrow")
 
 
 @dataclass(frozen=True, slots=True)

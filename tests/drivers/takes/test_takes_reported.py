@@ -103,10 +103,10 @@ def test_a_take_of_every_format_is_reported_the_same(kind: str, radius_mm: float
     np.testing.assert_allclose(results.cycles.min_bend_radius_mm, [radius_mm], rtol=1e-3)
 
 
-@pytest.mark.parametrize("kind", ["csv", "c3d", "trc"])
-def test_what_was_exported_is_reported_the_same(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", list(ExportFormat))
+def test_what_was_exported_is_reported_the_same(kind: ExportFormat, tmp_path: Path) -> None:
     results = report(write_take("1.23", tmp_path), CONFIG, tmp_path / "take.mcap")
-    export_markers(open_run(tmp_path / "take.mcap"), results, ExportFormat(kind), tmp_path / f"sorted.{kind}")
+    export_markers(open_run(tmp_path / "take.mcap"), results, kind, tmp_path / f"sorted.{kind}")
     no_anchor = CONFIG.partition("kind")[0] + 'kind = "none"\n'
     again = report(tmp_path / f"sorted.{kind}", no_anchor, tmp_path / "again.mcap")
     assert_is_the_cable(again)

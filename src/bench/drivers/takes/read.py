@@ -6,6 +6,7 @@ from pathlib import Path
 
 from bench.drivers.takes.c3d import is_c3d, read_c3d
 from bench.drivers.takes.motive_csv import read_motive
+from bench.drivers.takes.parquet import is_parquet, read_parquet
 from bench.drivers.takes.take import Take, unreadable
 from bench.drivers.takes.text import Progress, TextFile, split_cells
 from bench.drivers.takes.tracking_tools import KEYWORDS, read_tracking_tools
@@ -15,11 +16,15 @@ __all__ = ["read_take"]
 
 SNIFF_BYTES = 1024
 SEPARATORS = {";": "semicolons", "\t": "tabs"}
-KNOWN = "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D and TRC files."
+KNOWN = (
+    "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D, TRC and bench's Parquet."
+)
 
 
 def read_take(path: Path, progress: Progress | None = None) -> Take:
-    """Read a take: a Motive or Tracking Tools CSV export, a C3D or a TRC file, told apart by what is in it.
+    """Read a take: a Motive or Tracking Tools CSV export, a C3D, TRC or bench's own Parquet file.
+
+    They are told apart by what is in them.
 
     A text file is looked through once for the number and time of every frame, which is what the grid of its times,
     its gaps and its warnings need; its cells are read while the frames are taken, in bounded memory.
@@ -28,7 +33,7 @@ def read_take(path: Path, progress: Progress | None = None) -> Take:
     ----------
     path : Path
     progress : callable, optional
-        Told which share of a text file has been looked through, 0…1.
+        Told which share of the file has been looked through, 0…1; not of a C3D file.
 
     Returns
     -------
@@ -46,6 +51,8 @@ def read_take(path: Path, progress: Progress | None = None) -> Take:
     start = _start_of(path)
     if is_c3d(start):
         return read_c3d(path)
+    if is_parquet(start):
+        return read_parquet(path, progress)
     file = TextFile.of(path)
     line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""
     first = next((cell.strip() for cell in split_cells(line)), "")

@@ -41,7 +41,7 @@ class TakeInfo:
     """What a take says of itself, and what was found when the number and time of every frame were looked at."""
 
     format: str
-    """`Motive CSV`, `Tracking Tools CSV`, `C3D` or `TRC`."""
+    """`Motive CSV`, `Tracking Tools CSV`, `C3D`, `TRC` or `Parquet`."""
     version: str
     rate_hz: float
     """Frames a second: the header's, or 1 / median time step where the header gives none."""
