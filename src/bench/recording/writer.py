@@ -135,11 +135,15 @@ class RunWriter:
             The file cannot be written any more.
         """
         for record in records:
-            while len(self._queue) >= self._queue_limit and self.failure is None:
-                self._stopping.wait(DRAIN_S)
-            if self.failure is not None:
-                raise self.failure
+            if len(self._queue) >= self._queue_limit or self.failure is not None:
+                self._wait_for_room()
             self.put(record)
+
+    def _wait_for_room(self) -> None:
+        while len(self._queue) >= self._queue_limit and self.failure is None:
+            self._stopping.wait(DRAIN_S)
+        if self.failure is not None:
+            raise self.failure
 
     def note_missed(self, topic: str, n: int) -> None:
         """Count `n` messages of `topic` that the device sent and nobody received."""
@@ -279,12 +283,9 @@ class RunWriter:
     def _write_message(self, message: Message) -> None:
         topic, log_time_ns, publish_time_ns, sequence, payload = message
         count = self._counts.write(topic)
+        number = (count if sequence is None else sequence) & 0xFFFFFFFF
         self._mcap.add_message(
-            self._channels[topic],
-            log_time=_clamp_ns(log_time_ns),
-            data=payload,
-            publish_time=_clamp_ns(publish_time_ns),
-            sequence=(count if sequence is None else sequence) & 0xFFFFFFFF,
+            self._channels[topic], _clamp_ns(log_time_ns), payload, _clamp_ns(publish_time_ns), number
         )
         self._chunk_bytes += len(payload) + 31  # an MCAP message's own header
 

@@ -119,6 +119,11 @@ def read_or_refuse(path: Path) -> list[TrackerFrame] | str:
         return str(error)
 
 
+def test_a_frame_number_that_fills_the_head_of_its_line_is_read_alike(tmp_path: Path) -> None:
+    text = MotiveTake(["a"], [[POINT]] * 3).text().replace("\n1,0.008000,", "\n1,0.008" + "0" * 80 + ",")
+    assert_read_alike(write(tmp_path, text))
+
+
 def test_the_progress_of_looking_through_a_file_ascends_to_its_end(tmp_path: Path) -> None:
     text = MotiveTake(["a"], [[POINT]] * 4).text()
     head, row = text.rsplit("\n", 2)[0] + "\n", "{},0.0,1.000000,2.000000,3.000000\n"

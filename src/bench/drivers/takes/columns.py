@@ -16,11 +16,13 @@ from pyarrow import csv
 from bench.drivers.takes.grid import MAX_FRAME_NUMBER, MAX_TIME_S
 from bench.drivers.takes.rows import Floats, Mask, Rows, Stamps
 from bench.drivers.takes.take import MAX_POSITION_M, Words
-from bench.drivers.takes.text import Block, Progress, TextFile, float_cell, int_cell, split_cells
+from bench.drivers.takes.text import LINE_FEED, Block, Progress, TextFile, float_cell, int_cell, split_cells
 
 __all__ = ["ColumnTable", "NumberBlock", "make_rows"]
 
 NAN = float("nan")
+HEAD_BYTES = 64
+"""Of a line: frame number and time are within them, or the line is read whole."""
 FRAME = 0
 """The frame number's column; 32 bits, as `MAX_FRAME_NUMBER` has."""
 
@@ -63,12 +65,11 @@ class ColumnTable:
 
     def _read_plain(self, block: Block, columns: Sequence[int]) -> NumberBlock | None:
         """Read the block if all of it is plain numbers, one row in every line; None if not."""
-        line_end = block.data.index(b"\n")
-        n_columns = block.data.count(self.delimiter.encode(), 0, line_end) + 1
-        has_hex = b"x" in block.data or b"X" in block.data  # Arrow takes 0x1F for a whole number
-        if n_columns < len(self.labels) or has_hex:
+        data, n_columns = self._shorten(block.data, columns)
+        has_hex = b"x" in data or b"X" in data  # Arrow takes 0x1F for a whole number
+        if has_hex or (data is block.data and n_columns < len(self.labels)):
             return None
-        table = _parse(block.data, self.delimiter, n_columns, self._kinds(columns, n_columns))
+        table = _parse(data, self.delimiter, n_columns, self._kinds(columns, n_columns))
         if table is None or table.num_rows != block.n_lines or table.column(0).null_count:
             return None
         number = table.column(0).to_numpy().astype(np.int64)
@@ -77,6 +78,17 @@ class ColumnTable:
         stamps = Stamps(block.first_line + np.arange(len(number)), number, time_s)
         in_time = self.time_column is None or ((time_s >= 0) & (time_s < MAX_TIME_S)).all()
         return NumberBlock(stamps, values) if in_time and not np.isinf(values).any() else None
+
+    def _shorten(self, data: bytes, columns: Sequence[int]) -> tuple[bytes, int]:
+        """Return the lines and their number of cells; where no columns are asked for, only the head of each line."""
+        sign = self.delimiter.encode()
+        n = 1 + max(FRAME, self.time_column or FRAME)
+        if not columns and b'"' not in data:
+            ends = np.flatnonzero(np.frombuffer(data, np.uint8) == LINE_FEED).tolist()
+            heads = [data[start : start + HEAD_BYTES].split(sign, n) for start in (0, *(end + 1 for end in ends[:-1]))]
+            if min(map(len, heads)) > n:
+                return b"".join([sign.join(head[:n]) + b"\n" for head in heads]), n
+        return data, data.count(sign, 0, data.index(b"\n")) + 1
 
     def _kinds(self, columns: Sequence[int], n_columns: int) -> dict[str, pa.DataType]:
         """Return what is expected in which column: frame, time, those asked for, and nothing beyond the header's."""
