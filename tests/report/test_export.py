@@ -98,6 +98,14 @@ def test_a_c3d_file_says_which_axis_is_up_and_marks_gaps_by_their_residual(tmp_p
     assert content["data"]["points"][:3, 0, 0].tolist() == [1000.0, 2000.0, 3000.0]
 
 
+@pytest.mark.parametrize(("kind", "told"), [("csv", True), ("c3d", True), ("trc", False)])
+def test_the_axis_that_is_up_is_kept_where_the_format_has_a_place_for_it(kind: str, told: bool, tmp_path: Path) -> None:
+    for axis in "xyz":
+        path = tmp_path / f"{axis}.{kind}"
+        WRITERS[kind][0](make_markers(np.ones((1, 2, 3)), [0], up_axis=axis), path)
+        assert read_take(path).info.detail.get("up_axis") == (axis if told else None)
+
+
 def test_a_c3d_file_cannot_count_so_many_frames(tmp_path: Path) -> None:
     markers = make_markers(np.ones((2, 1, 3)), [0, 65_535])
     with pytest.raises(RecordingError, match="has 65536 frames, and a C3D file counts 65535 at most") as caught:

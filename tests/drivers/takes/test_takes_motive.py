@@ -175,7 +175,7 @@ def test_a_last_line_without_an_end_is_left_out_and_reported(tmp_path: Path) -> 
 def test_frames_that_repeat_are_left_out_and_counted(tmp_path: Path) -> None:
     take = read_take(write(tmp_path, MotiveTake(["Unlabeled 1"], [[POINT]] * 4, numbers=[0, 1, 1, 2]).text()))
     assert [frame.frame_number for frame in take.frames] == [0, 1, 2]
-    assert take.info.warnings[0].startswith("1 frames are left out")
+    assert take.info.warnings[0].startswith("1 frame is left out, in line 10: ")
 
 
 def test_names_that_are_not_utf8_are_read_as_latin_1(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def test_rows_that_go_back_are_left_out_and_the_first_is_named(tmp_path: Path) -
     numbers = pa.array(np.array([100, 101, 100, 102, 103]))
     take = read_take(write_table(tmp_path, make_table(frame_number=numbers)))
     assert [frame.frame_number for frame in take.frames] == [100, 101, 102, 103]
-    assert "1 frames are left out, the first of them in line 3" in take.info.warnings[0]
+    assert "1 frame is left out, in line 3: " in take.info.warnings[0]
 
 
 @pytest.mark.parametrize(

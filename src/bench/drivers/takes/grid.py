@@ -91,8 +91,8 @@ class Survey:
             found.append(f"The last line ({self.cut[0]}) has no line end and may be cut, so it is left out.")
         if self._ascending.n_left_out:
             n, line = self._ascending.n_left_out, self._ascending.first_line
-            where = f"the first of them in line {line}"
-            found.append(f"{n} frames are left out, {where}: they repeat or go back in number or in time.")
+            frames = f"{n} frames are left out, the first of them" if n > 1 else "1 frame is left out,"
+            found.append(f"{frames} in line {line}: repeated, or back in number or in time.")
         if promised is not None and promised != self.n_frames:
             found.append(f"The header promises {promised} frames, {self.n_frames} were found.")
         return found

@@ -142,21 +142,16 @@ class _Decoder:
 
 
 def _find_encoding(path: Path) -> str:
-    decoder = codecs.getincrementaldecoder("utf-8")()
+    """Tell the encoding by the first block: letters beyond ASCII stand in names, and names in every header or row."""
     with path.open("rb") as file:
         start = file.read(BLOCK_BYTES)
-        for bom, encoding in BOMS.items():
-            if start.startswith(bom):
-                return encoding
-        block, is_pending = start, False
-        while block:
-            if is_pending or not block.isascii():
-                try:
-                    decoder.decode(block)
-                except UnicodeDecodeError:
-                    return "latin-1"
-                is_pending = bool(decoder.getstate()[0])
-            block = file.read(BLOCK_BYTES)
+    for bom, encoding in BOMS.items():
+        if start.startswith(bom):
+            return encoding
+    try:
+        codecs.getincrementaldecoder("utf-8")().decode(start)
+    except UnicodeDecodeError:
+        return "latin-1"
     return "utf-8"
 
 
