@@ -23,7 +23,7 @@ def export(
     ] = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Take [analysis] and the cable's limits from here, not from the recording."),
+        typer.Option("--config", help="Take \\[analysis] and the cable's limits from here, not from the recording."),
     ] = None,
 ) -> None:
     """Write the sorted markers of a run file for other programs: M1, M2, … from the anchor along the cable."""

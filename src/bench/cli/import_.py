@@ -24,7 +24,7 @@ def import_(
     take: Annotated[
         Path, typer.Argument(metavar="TAKE", help="Motive or Tracking Tools CSV export, C3D, TRC, or bench's Parquet.")
     ],
-    config: Annotated[Path, typer.Option("--config", help="Configuration with the [cable] to analyse it for.")],
+    config: Annotated[Path, typer.Option("--config", help="Configuration with the \\[cable] to analyse it for.")],
     output: Annotated[Path, typer.Option("--output", help="Run file to write. Never overwritten.")],
 ) -> None:
     """Turn a tracker's own recording into a run file, for `bench report`."""

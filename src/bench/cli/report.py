@@ -37,7 +37,7 @@ def report(
     ] = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Take [analysis] and the cable's limits from here, not from the recording."),
+        typer.Option("--config", help="Take \\[analysis] and the cable's limits from here, not from the recording."),
     ] = None,
 ) -> None:
     """Analyse run files: sorted markers, curvature and bend radius per cycle, tables and report.html.

@@ -159,7 +159,8 @@ def _encode_clock(sample: ClockSample) -> list[Message]:
 def _encode_frame(frame: TrackerFrame) -> list[Message]:
     times = (frame.arrival_ns, frame.capture_ns, frame.frame_number)
     messages = [Message(POINTS, *times, encode_cloud(frame)), Message(FRAME, *times, _pack_frame(frame))]
-    messages.extend(Message(BODIES, *times, _pack_body(frame.frame_number, body)) for body in frame.bodies)
+    if frame.bodies:
+        messages.extend(Message(BODIES, *times, _pack_body(frame.frame_number, body)) for body in frame.bodies)
     return messages
 
 
