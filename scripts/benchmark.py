@@ -17,6 +17,7 @@ import psutil
 import pyarrow.parquet as pq
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
+from benchmarks.take_import import measure_take_import
 from benchmarks.tracker_link import measure_tracker_link
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
@@ -43,7 +44,7 @@ class Finished:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--full", action="store_true", help="1000 cycles, minutes of both streams, how far --speed goes"
+        "--full", action="store_true", help="1000 cycles, minutes of both streams, a 1 GB take, how far --speed goes"
     )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
@@ -51,6 +52,7 @@ def main() -> None:
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
         rows += [measure_reading(folder / "run.mcap"), measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
+        rows += measure_take_import(folder, full, bench)
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:

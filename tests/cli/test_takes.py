@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import pty
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +79,47 @@ def test_a_truncated_take_is_imported_up_to_the_cut_and_says_so(tmp_path: Path) 
     assert process.returncode == 0, process.stderr
     assert "1353" in process.stderr
     assert 600 < len(open_run(tmp_path / "cut.mcap")["/tracker/frame"]["frame_number"]) < 700
+
+
+def test_sorted_markers_are_exported_and_never_over_a_file(tmp_path: Path) -> None:
+    config, run = write_config(tmp_path), tmp_path / "take.mcap"
+    (tmp_path / "straight.csv").write_text(
+        "righthanded\ninfo,framecount,50\n"
+        + "".join(
+            f"frame,{i},{i / 100},0,5,{','.join(f'{0.1 * m},{0.3 + i / 1000},0,0' for m in (3, 0, 4, 1, 2))}\n"
+            for i in range(50)
+        )
+    )
+    assert bench("import", tmp_path / "straight.csv", "--config", config, "--output", run).returncode == 0
+    done = bench("export", run, "--format", "trc", "--config", config)
+    assert done.returncode == 0, done.stderr
+    assert "take.trc: 5 markers in 50 frames, 100.0% of the positions found." in done.stdout
+    assert len((tmp_path / "take.trc").read_text().splitlines()) == 6 + 50
+    message = one_sentence(bench("export", run, "--format", "trc"), 5)
+    assert "take.trc exists already" in message
+    unknown = bench("export", run, "--format", "xls")
+    assert unknown.returncode == 2
+    assert "'csv', 'c3d', 'trc', 'parquet'" in " ".join(unknown.stderr.replace("│", " ").split())
+
+
+def test_an_import_shows_its_progress_on_a_terminal_and_nowhere_else(tmp_path: Path) -> None:
+    config, take = write_config(tmp_path), find_take("test_markers_enabled.csv")
+    quiet = bench("import", take, "--config", config, "--output", tmp_path / "a.mcap")
+    assert quiet.stderr == ""
+    controller, terminal = pty.openpty()
+    command = [sys.executable, "-m", "bench", "import", take, "--config", config, "--output", tmp_path / "b.mcap"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=terminal) as process:
+        os.close(terminal)
+        shown = b""
+        try:
+            while data := os.read(controller, 4096):
+                shown += data
+        except OSError:  # the other end is closed
+            pass
+        assert process.wait() == 0
+    os.close(controller)
+    assert b"checking" in shown
+    assert b"writing" in shown
 
 
 def test_an_import_never_overwrites(tmp_path: Path) -> None:

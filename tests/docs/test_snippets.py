@@ -29,4 +29,4 @@ def test_every_block_of_the_page_works(
 def test_the_pages_do_show_how_to_use_every_command() -> None:
     commands = [command for page in PAGES for block in find_blocks(page) for command in find_commands(block)]
     used = {command.split()[1] for command in commands if command.startswith("bench ")}
-    assert {"run", "check", "report", "import", "config"} <= used
+    assert {"run", "check", "report", "import", "export", "config"} <= used

@@ -139,6 +139,25 @@ def test_a_take_that_cannot_be_read_leaves_no_output(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [("0.1,0.2,0.3,0\n", "0.1,0.2,o,0\n", "line 5: 'o' in column z"), ("frame,2", "frame,x", "line 6: 'x' in column")],
+    ids=["while it is written", "before"],
+)
+def test_a_cell_that_is_no_number_leaves_no_output(old: str, new: str, said: str, tmp_path: Path) -> None:
+    (tmp_path / "take.csv").write_text(TRACKING_TOOLS.replace(old, new))
+    with pytest.raises(RecordingError, match=said):
+        run_import(tmp_path / "take.csv", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["take.csv"]
+
+
+def test_a_take_without_a_single_point_leaves_no_output(tmp_path: Path) -> None:
+    (tmp_path / "take.csv").write_text("info,framecount,2\nframe,0,0.0,0,0\nframe,1,0.1,0,0\n")
+    with pytest.raises(RecordingError, match="no marker is seen in any of its 2 frames"):
+        run_import(tmp_path / "take.csv", tmp_path)
+    assert [path.name for path in tmp_path.iterdir()] == ["take.csv"]
+
+
 def test_an_import_that_fails_halfway_leaves_no_output(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def shrink(_writer: object, info: object) -> None:
         raise RecordingError("The disk is gone.")

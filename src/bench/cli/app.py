@@ -10,6 +10,7 @@ import typer
 
 from bench.cli.check import check
 from bench.cli.config import config_app
+from bench.cli.export import export
 from bench.cli.import_ import import_
 from bench.cli.report import report
 from bench.cli.run import run
@@ -30,6 +31,7 @@ app.command("run")(run)
 app.command("check")(check)
 app.command("report")(report)
 app.command("import")(import_)
+app.command("export")(export)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,14 +13,18 @@ import typer
 from bench.config import load_config, to_toml
 
 if TYPE_CHECKING:
+    from rich.progress import TaskID
+
     from bench.run.import_take import ImportSummary
 
 __all__ = ["import_"]
 
 
 def import_(
-    take: Annotated[Path, typer.Argument(metavar="TAKE", help="Motive or Tracking Tools CSV export, or C3D file.")],
-    config: Annotated[Path, typer.Option("--config", help="Configuration with the [cable] to analyse it for.")],
+    take: Annotated[
+        Path, typer.Argument(metavar="TAKE", help="Motive or Tracking Tools CSV export, C3D, TRC, or bench's Parquet.")
+    ],
+    config: Annotated[Path, typer.Option("--config", help="Configuration with the \\[cable] to analyse it for.")],
     output: Annotated[Path, typer.Option("--output", help="Run file to write. Never overwritten.")],
 ) -> None:
     """Turn a tracker's own recording into a run file, for `bench report`."""
@@ -26,13 +32,32 @@ def import_(
     from bench.run.import_take import import_take
     from bench.timing import RunClock
 
-    summary = import_take(take, settings, to_toml(settings), output, RunClock.start())
+    with _progress_bar() as tell:
+        summary = import_take(take, settings, to_toml(settings), output, RunClock.start(), tell)
     _print_summary(take, summary)
+
+
+@contextmanager
+def _progress_bar() -> Iterator[Callable[[str, float], None]]:
+    """Show a bar for each step of the work, on a terminal and nowhere else."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        tasks: dict[str, TaskID] = {}
+
+        def tell(step: str, share: float) -> None:
+            if step not in tasks:
+                tasks[step] = bar.add_task(step, total=1.0)
+            bar.update(tasks[step], completed=share)
+
+        yield tell
 
 
 def _print_summary(take: Path, summary: ImportSummary) -> None:
     info = summary.info
-    least, most = info.points_min, info.points_max
+    least, most = summary.points_min, summary.points_max
     points = f"{least} points" if least == most else f"{least} to {most} points"
     for text in summary.warnings:
         print(f"warning: {text}", file=sys.stderr)

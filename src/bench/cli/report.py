@@ -17,7 +17,7 @@ from bench.model import Outcome
 if TYPE_CHECKING:
     from bench.report.results import Results
 
-__all__ = ["report"]
+__all__ = ["name_without_suffix", "report", "with_limits"]
 
 EXIT_CODES = {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.ERROR: 6}
 """ERROR is the bench's fault: there is no verdict on the cable, so the analysis did not succeed."""
@@ -37,7 +37,7 @@ def report(
     ] = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Take [analysis] and the cable's limits from here, not from the recording."),
+        typer.Option("--config", help="Take \\[analysis] and the cable's limits from here, not from the recording."),
     ] = None,
 ) -> None:
     """Analyse run files: sorted markers, curvature and bend radius per cycle, tables and report.html.
@@ -59,11 +59,11 @@ def report(
 def _output_folders(runs: Sequence[Path], output: Path | None) -> list[Path]:
     """Return one folder for each run; raise `ConfigError` when two runs would share one."""
     if output is None:
-        folders = [run.parent / _stem(run) for run in runs]
+        folders = [run.parent / name_without_suffix(run) for run in runs]
     elif len(runs) == 1:
         folders = [output]
     else:
-        folders = [output / _stem(run) for run in runs]
+        folders = [output / name_without_suffix(run) for run in runs]
     shared = [folder for folder, count in Counter(folders).items() if count > 1]
     if shared:
         raise ConfigError(
@@ -72,7 +72,7 @@ def _output_folders(runs: Sequence[Path], output: Path | None) -> list[Path]:
     return folders
 
 
-def _stem(run: Path) -> str:
+def name_without_suffix(run: Path) -> str:
     """Return the run's name without .mcap (or .mcap.active, when it was never finished)."""
     name = run.name.removesuffix(".active")
     stem = name.removesuffix(".mcap")
@@ -105,7 +105,7 @@ def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
     from bench.report.tables import write_tables
 
     run = open_run(path)
-    settings_used = _with_limits(run.config, settings, path) if settings else run.config
+    settings_used = with_limits(run.config, settings, path) if settings else run.config
     results = analyse_run(run, settings_used, run_path=path.name)
     folder.mkdir(parents=True, exist_ok=True)
     write_tables(results, folder)
@@ -114,7 +114,7 @@ def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
     return EXIT_CODES[results.outcome]
 
 
-def _with_limits(recorded: Config, settings: Config, path: Path) -> Config:
+def with_limits(recorded: Config, settings: Config, path: Path) -> Config:
     """Return the recording's configuration with the analysis and the cable's limits of `settings`."""
     if settings.cable.arc_length_m != recorded.cable.arc_length_m:
         print(

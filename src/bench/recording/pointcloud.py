@@ -49,7 +49,7 @@ _POINTS_AT = _LAYOUT.offset_of("data")
 _WIDTH_AT = _LAYOUT.offset_of("width")
 _STAMP_AT = _LAYOUT.offset_of("header.stamp.sec")
 _ROW_AT = _LAYOUT.offset_of("row_step")
-_TAIL = _EMPTY[_POINTS_AT:]
+_HEAD, _TAIL = _EMPTY[:_POINTS_AT], _EMPTY[_POINTS_AT:]
 CLOUD_TAIL_SIZE = len(_TAIL)
 """Bytes after the points: `is_dense`."""
 _CHANGING = {"header.stamp.sec", "header.stamp.nanosec", "header.frame_id", "width", "row_step", "data"}
@@ -67,13 +67,11 @@ def encode_cloud(frame: TrackerFrame) -> bytes:
         The frame's arrays are not of the same length.
     """
     points = _pack_points(frame)
-    out = bytearray(_EMPTY[:_POINTS_AT])
+    out = bytearray(_HEAD)
     _STAMP.pack_into(out, _STAMP_AT, *split_stamp(frame.capture_ns))
     _WIDTH.pack_into(out, _WIDTH_AT, len(points))
     _ROW.pack_into(out, _ROW_AT, points.nbytes, points.nbytes)
-    out += points.tobytes()
-    out += _TAIL
-    return bytes(out)
+    return b"".join((out, points.data, _TAIL))
 
 
 def verify_cloud(values: Mapping[str, Any]) -> None:
@@ -94,14 +92,10 @@ def _pack_points(frame: TrackerFrame) -> npt.NDArray[np.uint32]:
     n = len(frame.points_m)
     if not len(frame.residual_m) == len(frame.ids) == len(frame.flags) == n:
         raise ValueError(f"frame {frame.frame_number}: {n} points, but not as many residuals, ids and flags")
-    packed = np.empty((n, 6), np.uint32)
-    packed[:, :3] = _bits(frame.points_m)
-    packed[:, 3] = _bits(frame.residual_m)
+    lengths_m = np.empty((n, 6), np.float32)  # copied as they are, even the payload of a NaN
+    lengths_m[:, :3] = frame.points_m
+    lengths_m[:, 3] = frame.residual_m
+    packed = lengths_m.view(np.uint32)
     packed[:, 4] = frame.ids
     packed[:, 5] = frame.flags
     return packed
-
-
-def _bits(lengths_m: npt.NDArray[np.float32]) -> npt.NDArray[np.uint32]:
-    """Return the floats' bit patterns, so that even the payload of a NaN is kept."""
-    return np.ascontiguousarray(lengths_m, np.float32).view(np.uint32)

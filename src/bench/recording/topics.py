@@ -119,6 +119,7 @@ class _FixedEncoder:
         layout = Layout.of(load_schema(TOPICS[topic].schema))
         self._packer = layout.packer
         self._arrays = [leaf.count is not None for leaf in layout.leaves]
+        self._has_arrays = any(self._arrays)
         self._paths = [leaf.path for leaf in layout.leaves]
         self._attributes = attrgetter(*self._paths)
 
@@ -130,6 +131,8 @@ class _FixedEncoder:
         return self._pack([values[path] for path in self._paths])
 
     def _pack(self, values: Iterable[Any]) -> bytes:
+        if not self._has_arrays:
+            return self._packer.pack(HEADER, *values)
         flat: list[Any] = [HEADER]
         for is_array, value in zip(self._arrays, values, strict=True):
             if is_array:
@@ -156,7 +159,8 @@ def _encode_clock(sample: ClockSample) -> list[Message]:
 def _encode_frame(frame: TrackerFrame) -> list[Message]:
     times = (frame.arrival_ns, frame.capture_ns, frame.frame_number)
     messages = [Message(POINTS, *times, encode_cloud(frame)), Message(FRAME, *times, _pack_frame(frame))]
-    messages.extend(Message(BODIES, *times, _pack_body(frame.frame_number, body)) for body in frame.bodies)
+    if frame.bodies:
+        messages.extend(Message(BODIES, *times, _pack_body(frame.frame_number, body)) for body in frame.bodies)
     return messages
 
 

@@ -135,11 +135,15 @@ class RunWriter:
             The file cannot be written any more.
         """
         for record in records:
-            while len(self._queue) >= self._queue_limit and self.failure is None:
-                self._stopping.wait(DRAIN_S)
-            if self.failure is not None:
-                raise self.failure
+            if len(self._queue) >= self._queue_limit or self.failure is not None:
+                self._wait_for_room()
             self.put(record)
+
+    def _wait_for_room(self) -> None:
+        while len(self._queue) >= self._queue_limit and self.failure is None:
+            self._stopping.wait(DRAIN_S)
+        if self.failure is not None:
+            raise self.failure
 
     def note_missed(self, topic: str, n: int) -> None:
         """Count `n` messages of `topic` that the device sent and nobody received."""
@@ -277,15 +281,13 @@ class RunWriter:
             self._end_chunk()
 
     def _write_message(self, message: Message) -> None:
-        count = self._counts.write(message.topic)
+        topic, log_time_ns, publish_time_ns, sequence, payload = message
+        count = self._counts.write(topic)
+        number = (count if sequence is None else sequence) & 0xFFFFFFFF
         self._mcap.add_message(
-            self._channels[message.topic],
-            log_time=_clamp_ns(message.log_time_ns),
-            data=message.payload,
-            publish_time=_clamp_ns(message.publish_time_ns),
-            sequence=(count if message.sequence is None else message.sequence) & 0xFFFFFFFF,
+            self._channels[topic], _clamp_ns(log_time_ns), payload, _clamp_ns(publish_time_ns), number
         )
-        self._chunk_bytes += len(message.payload) + 31  # an MCAP message's own header
+        self._chunk_bytes += len(payload) + 31  # an MCAP message's own header
 
     def _report_refused(self, record: Record, error: Exception) -> None:
         if type(record) not in self._refused:
@@ -362,7 +364,7 @@ class RunWriter:
 
 def _clamp_ns(unix_ns: int) -> int:
     """MCAP's own times are unsigned; the message keeps the time as it was given."""
-    return min(max(unix_ns, 0), _LAST_NS)
+    return unix_ns if 0 <= unix_ns <= _LAST_NS else min(max(unix_ns, 0), _LAST_NS)
 
 
 def _describe_run(run_id: str, clock: Clock, versions: Mapping[str, str]) -> dict[str, str]:

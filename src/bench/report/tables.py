@@ -21,7 +21,14 @@ from bench.recording import rename_new
 from bench.report.headline import find_tightest_bend
 from bench.report.results import Results
 
-__all__ = ["TABLE_FILES", "verify_folder_is_free", "write_summary", "write_tables"]
+__all__ = [
+    "TABLE_FILES",
+    "verify_folder_is_free",
+    "write_markers",
+    "write_summary",
+    "write_tables",
+    "write_then_rename",
+]
 
 TABLE_FILES = ("cycles.parquet", "markers.parquet", "curvature.parquet", "summary.json")
 """What `write_tables` leaves in the folder."""
@@ -60,7 +67,7 @@ def write_tables(results: Results, folder: Path) -> list[Path]:
     """
     writers: dict[str, Callable[[Path], None]] = {
         "cycles.parquet": lambda path: _write_cycles(results, path),
-        "markers.parquet": lambda path: _write_frames(results, path, _markers),
+        "markers.parquet": lambda path: write_markers(results, path),
         "curvature.parquet": lambda path: _write_frames(results, path, _curvature),
         "summary.json": lambda path: write_summary(results, path),
     }
@@ -68,7 +75,7 @@ def write_tables(results: Results, folder: Path) -> list[Path]:
         folder.mkdir(parents=True, exist_ok=True)
         verify_folder_is_free(folder)
         for name, write in writers.items():
-            _write_then_rename(folder / name, write)
+            write_then_rename(folder / name, write)
     except OSError as error:
         kind = DiskFullError if error.errno == 28 else RecordingError
         raise kind(f"The tables cannot be written to {folder}: {error.strerror or error}.") from error
@@ -80,7 +87,13 @@ def write_summary(results: Results, path: Path) -> None:
     path.write_text(json.dumps(_summary(results), indent=2, ensure_ascii=False, allow_nan=False) + "\n", "utf-8")
 
 
-def _write_then_rename(path: Path, write: Callable[[Path], None]) -> None:
+def write_markers(results: Results, path: Path) -> None:
+    """Write the sorted markers, one row for each tracker frame, as Parquet."""
+    _write_frames(results, path, _markers)
+
+
+def write_then_rename(path: Path, write: Callable[[Path], None]) -> None:
+    """Let `write` make the file under another name, and give it its own when it is complete; never over a file."""
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
         write(partial)

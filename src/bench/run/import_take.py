@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import uuid
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,9 +19,14 @@ from bench.timing import Clock
 
 __all__ = ["ImportSummary", "import_take"]
 
+Progress = Callable[[str, float], None]
+"""Told, now and then, what is being done and which share of that is done, 0…1."""
+
 MAX_WAITING = 5_000
 """Frames in the recorder's queue before reading pauses: a take of any length needs memory for so many."""
-LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d")
+FRAMES_PER_STEP = 1000
+"""Frames between two words about the progress."""
+LIBRARIES = ("cable-bench", "numpy", "mcap", "ezc3d", "pyarrow")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,6 +40,10 @@ class ImportSummary:
     """Those of the take, and those of the take together with the configuration."""
     n_frames: int
     """Frames written."""
+    points_min: int
+    """Fewest points in a frame."""
+    points_max: int
+    """Most points in a frame."""
     bytes_written: int
 
 
@@ -59,7 +68,31 @@ class TakeClock:
         self._clock.sleep_until_ns(deadline_ns - self._offset_ns)
 
 
-def import_take(take: Path, config: Config, config_toml: str, output: Path, clock: Clock) -> ImportSummary:
+@dataclass(slots=True)
+class FrameCount:
+    """What has passed to the recorder."""
+
+    n_frames: int = 0
+    points_min: int = 0
+    points_max: int = 0
+    end_ns: int = 0
+
+    def count(self, frame: TrackerFrame) -> None:
+        n = len(frame.points_m)
+        self.points_min = min(self.points_min, n) if self.n_frames else n
+        self.points_max = max(self.points_max, n)
+        self.n_frames += 1
+        self.end_ns = frame.capture_ns
+
+
+def import_take(
+    take: Path,
+    config: Config,
+    config_toml: str,
+    output: Path,
+    clock: Clock,
+    progress: Progress = lambda _step, _share: None,
+) -> ImportSummary:
     """Write a take into a run file.
 
     Times are the take's own: device time from its frame 0, placed at its start where the file says when that was,
@@ -78,6 +111,8 @@ def import_take(take: Path, config: Config, config_toml: str, output: Path, cloc
         The run file; it must not exist.
     clock : Clock
         The machine's time.
+    progress : callable, optional
+        Told what is being done and which share of it is done; a large take needs minutes.
 
     Returns
     -------
@@ -90,7 +125,7 @@ def import_take(take: Path, config: Config, config_toml: str, output: Path, cloc
     RecordingExistsError
         `output` exists; it is not touched.
     """
-    content = read_take(take)
+    content = read_take(take, lambda share: progress("checking", share))
     warnings = (*content.info.warnings, *_config_warnings(content.info, config))
     take_clock = TakeClock(clock, content.info.start_ns)
     imported = datetime.fromtimestamp(clock.now_ns() * 1e-9, tz=UTC)
@@ -107,32 +142,37 @@ def import_take(take: Path, config: Config, config_toml: str, output: Path, cloc
         },
     )
     try:
-        n_frames = _write(writer, take_clock, take.name, content, warnings)
+        passed = _write(writer, take_clock, take.name, content, warnings, progress)
         path = writer.close(exit_status="import", reason=f"imported from {take.name}")
     except BaseException:
         writer.discard()  # the take still has everything
         raise
-    return ImportSummary(path, content.info, warnings, n_frames, writer.bytes_written)
+    return ImportSummary(
+        path, content.info, warnings, passed.n_frames, passed.points_min, passed.points_max, writer.bytes_written
+    )
 
 
-def _write(writer: RunWriter, take_clock: TakeClock, name: str, take: Take, warnings: tuple[str, ...]) -> int:
-    """Hand all of the take to the recorder, never faster than it writes; return the number of frames."""
+def _write(
+    writer: RunWriter, take_clock: TakeClock, name: str, take: Take, warnings: tuple[str, ...], progress: Progress
+) -> FrameCount:
+    """Hand all of the take to the recorder, never faster than it writes; return what that was."""
     info = take.info
     writer.add_device(_device_info(name, info))
     writer.put_all(LogEntry(info.start_ns, Severity.WARN, "tracker", warning) for warning in warnings)
-    n_frames, end_ns = 0, info.start_ns
+    passed = FrameCount(end_ns=info.start_ns)
+    writer.put_all(_counted(take, passed, progress))
+    if info.frames_promised is not None and info.frames_promised > passed.n_frames:
+        writer.note_missed(POINTS, info.frames_promised - passed.n_frames)
+    take_clock.reach(passed.end_ns)
+    return passed
 
-    def counted() -> Iterator[TrackerFrame]:
-        nonlocal n_frames, end_ns
-        for frame in take.frames:
-            n_frames, end_ns = n_frames + 1, frame.capture_ns
-            yield frame
 
-    writer.put_all(counted())
-    if info.frames_promised is not None and info.frames_promised > n_frames:
-        writer.note_missed(POINTS, info.frames_promised - n_frames)
-    take_clock.reach(end_ns)
-    return n_frames
+def _counted(take: Take, passed: FrameCount, progress: Progress) -> Iterator[TrackerFrame]:
+    for frame in take.frames:
+        passed.count(frame)
+        if passed.n_frames % FRAMES_PER_STEP == 0:
+            progress("writing", passed.n_frames / take.info.frames_found)
+        yield frame
 
 
 def _device_info(name: str, info: TakeInfo) -> DeviceInfo:

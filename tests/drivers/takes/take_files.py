@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from bench.drivers.takes import read_take
+from bench.model import TrackerFrame
+
 DATA = Path(__file__).parent / "data"
 WITH_MARKERS = DATA / "ha5dzs" / "test_markers_enabled.csv"
 WITHOUT_MARKERS = DATA / "ha5dzs" / "test_default.csv"
@@ -96,6 +99,7 @@ class TrackingToolsTake:
     offsets: Sequence[tuple[float, float, float]] = ((0.01, 0.0, 0.0), (0.0, 0.02, 0.0), (-0.01, -0.02, 0.0))
     promised: int | None = None
     extended: bool = False
+    bodies: bool = True
 
     def text(self) -> str:
         """Return the export."""
@@ -103,9 +107,9 @@ class TrackingToolsTake:
         count = len(self.frames) if self.promised is None else self.promised
         lines = ['comment,"NaturalPoint Trackable Export Data"', "righthanded"]
         lines += [f"info,version,{self.version}"] * bool(self.version)
-        lines += [f"info,framecount,{count}", f"info,{word}count,1"]
+        lines += [f"info,framecount,{count}", f"info,{word}count,{int(self.bodies)}"]
         cells = ",".join(f"{v:.8f}" for offset in self.offsets for v in offset)
-        lines.append(f'{word},"{self.body}",7,{len(self.offsets)},{cells}')
+        lines += [f'{word},"{self.body}",7,{len(self.offsets)},{cells}'] * self.bodies
         for i, points in enumerate(self.frames):
             lines.append(self._frame(i, points))
             if self.extended:
@@ -113,10 +117,56 @@ class TrackingToolsTake:
         return "\n".join(lines) + "\n"
 
     def _frame(self, i: int, points: Sequence[tuple[float, float, float]]) -> str:
-        pose = "7,0.1,0.2,0.3,0,0,0,1,0.0,0.0,0.0"
+        pose = "1,7,0.1,0.2,0.3,0,0,0,1,0.0,0.0,0.0" if self.bodies else "0"
         tail = "1000,marker" if self.version == "1.1" else "0"
         seen = "".join(f",{x:.8f},{y:.8f},{z:.8f},{tail}" for x, y, z in points)
-        return f"frame,{i},{i * self.step_s:.8f},1,{pose},{len(points)}{seen}"
+        return f"frame,{i},{i * self.step_s:.8f},{pose},{len(points)}{seen}"
+
+
+@dataclass
+class TrcTake:
+    """What is to stand in a TRC file: markers by name, and for each frame one point or None for each of them."""
+
+    names: Sequence[str]
+    frames: Sequence[Sequence[Point]]
+    rate: str = "120.00"
+    units: str = "mm"
+    first_frame: int = 1
+    promised: int | None = None
+    blank_line: bool = True
+
+    def text(self) -> str:
+        """Return the file."""
+        n = len(self.names)
+        count = len(self.frames) if self.promised is None else self.promised
+        keys = [
+            "DataRate",
+            "CameraRate",
+            "NumFrames",
+            "NumMarkers",
+            "Units",
+            "OrigDataRate",
+            "OrigDataStartFrame",
+            "OrigNumFrames",
+        ]
+        values = [self.rate, self.rate, str(count), str(n), self.units, self.rate, str(self.first_frame), str(count)]
+        lines = [
+            ["PathFileType", "4", "(X/Y/Z)", "test.trc"],
+            keys,
+            values,
+            ["Frame#", "Time", *(cell for name in self.names for cell in (name, "", ""))],
+            ["", "", *(f"{axis}{i}" for i in range(1, n + 1) for axis in "XYZ")],
+        ]
+        lines += [[]] * self.blank_line
+        for i, points in enumerate(self.frames):
+            cells = [f"{value:.6f}" if point else "" for point in points for value in point or (0, 0, 0)]
+            lines.append([str(self.first_frame + i), f"{i / float(self.rate):.3f}", *cells])
+        return "\n".join("\t".join(line) for line in lines) + "\n"
+
+
+def read_all(path: Path) -> list[TrackerFrame]:
+    """Read a take to its end, where what is wrong with a cell is found at the latest."""
+    return list(read_take(path).frames)
 
 
 def write(folder: Path, text: str | bytes, name: str = "take.csv") -> Path:

@@ -8,7 +8,7 @@ from typing import Any
 import ezc3d
 import numpy as np
 import pytest
-from take_files import BEAM, write
+from take_files import BEAM, read_all, write
 
 from bench.drivers.takes import c3d, read_take
 from bench.errors import RecordingError
@@ -67,8 +67,8 @@ def test_an_unknown_unit_and_a_file_without_points_are_refused(tmp_path: Path) -
     points = np.ones((3, 1, 2))
     with pytest.raises(RecordingError, match="length unit 'parsec'"):
         read_take(make_c3d(tmp_path / "a.c3d", points, UNITS=["parsec"]))
-    with pytest.raises(RecordingError, match="no point is seen in any of its 2 frames"):
-        read_take(make_c3d(tmp_path / "c.c3d", points * np.nan))
+    with pytest.raises(RecordingError, match="no marker is seen in any of its 2 frames"):
+        read_all(make_c3d(tmp_path / "c.c3d", points * np.nan))
 
 
 def test_a_senseless_rate_is_refused(tmp_path: Path) -> None:
@@ -101,3 +101,26 @@ def test_whatever_a_file_does_to_ezc3d_is_one_sentence(
 def test_a_file_that_is_cut_off_is_refused_before_ezc3d_sees_it(size: int, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="the file ends before its header says"):
         read_take(write(tmp_path, BEAM.read_bytes()[:size], "cut.c3d"))
+
+
+def test_what_a_c3d_file_holds_beyond_its_own_count_is_missed_and_said(tmp_path: Path) -> None:
+    take = read_take(make_c3d(tmp_path / "a.c3d", np.ones((3, 1, 66_000))))
+    assert take.info.frames_found == 65_535
+    assert take.info.frames_promised is not None
+    assert 65_535 < take.info.frames_promised <= 66_000
+    (warning,) = take.info.warnings
+    assert "65535 frames at most: some 4" in warning
+    whole = read_take(make_c3d(tmp_path / "b.c3d", np.ones((3, 1, 65_535))))
+    assert (whole.info.frames_promised, whole.info.warnings) == (65_535, ())
+
+
+def test_points_in_two_units_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="its length unit is 'mm' and 'm'"):
+        read_take(make_c3d(tmp_path / "a.c3d", np.ones((3, 1, 2)), UNITS=["mm", "m"]))
+
+
+def test_the_axis_that_a_viewer_draws_upwards_is_told(tmp_path: Path) -> None:
+    content = ezc3d.c3d(str(make_c3d(tmp_path / "a.c3d", np.ones((3, 1, 2)))))
+    content.add_parameter("POINT", "Y_SCREEN", ["+Z"])
+    content.write(str(tmp_path / "b.c3d"))
+    assert read_take(tmp_path / "b.c3d").info.detail == {"up_axis": "z"}

@@ -30,10 +30,10 @@ def read_or_refuse(data: bytes, folder: Path) -> int:
     path = write(folder, data)
     try:
         take = read_take(path)
+        n_frames = sum(1 for _ in take.frames)
     except RecordingError as error:
         assert path.name in str(error)
         return -1
-    n_frames = sum(1 for _ in take.frames)
     assert n_frames == take.info.frames_found
     return n_frames
 

@@ -18,10 +18,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from bench.drivers.takes.grid import METRES_PER_UNIT, Survey, grid_ticks, parse_rate
-from bench.drivers.takes.take import MAX_POSITION_M, Row, Take, TakeInfo, make_frame, unreadable
+from bench.drivers.takes.rows import Floats, Mask, Rows, Stamps, make_frames
+from bench.drivers.takes.take import MAX_POSITION_M, Take, TakeInfo, unreadable
 from bench.errors import RecordingError
 from bench.model import UNLABELED, StampKind
 
@@ -40,9 +40,10 @@ SLOWEST_BYTES_PER_S = 1e6
 LEAST_MEMORY_BYTES = 2 << 30
 MEMORY_PER_BYTE = 40
 """ezc3d and its arrays take 16 times the file (2026-11, 29 MB); room for fewer points a frame."""
+FRAMES_AT_ONCE = 1000
+MAX_FRAMES = 0xFFFF
+"""The header counts in 16 bits, and ezc3d reads no more (1.7.2), whatever the file holds."""
 DAMAGED = "The file may be cut off or damaged: export it again."
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,8 @@ class C3dHeader:
     last_frame: int
     needed_bytes: int
     """Size that a file with this header has at least."""
+    held_frames: int
+    """Whole frames behind the header, at least: the last block may be full or not."""
 
 
 def is_c3d(start: bytes) -> bool:
@@ -73,11 +76,11 @@ def read_c3d(path: Path) -> Take:
     units, metres_per_unit = _units(path.name, content, warnings)
     frames = _frames(path.name, content, metres_per_unit)
     survey = Survey()
-    for row in frames.rows():
-        survey.add(row)
-    if survey.n_points == 0:
-        raise unreadable(path.name, f"no point is seen in any of its {survey.n_frames} frames")
+    survey.add(frames.stamps(0, frames.seen.shape[1]))
     promised = _promised(header, content, survey.n_frames)
+    if promised is not None and promised > MAX_FRAMES:
+        more = promised - MAX_FRAMES
+        warnings.append(f"C3D counts {MAX_FRAMES} frames at most: some {more} more are in the file and are not read.")
     info = TakeInfo(
         format="C3D",
         version="",
@@ -86,13 +89,11 @@ def read_c3d(path: Path) -> Take:
         units=units,
         frames_promised=promised,
         frames_found=survey.n_frames,
-        points_min=survey.points_min,
-        points_max=survey.points_max,
         marker_names=_names(content),
-        warnings=(*warnings, *survey.warnings(promised)),
+        detail=_up_axis(content),
+        warnings=(*warnings, *survey.warnings(None if survey.n_frames == MAX_FRAMES else promised)),
     )
-    ticks = grid_ticks(rate)
-    return Take(info, (make_frame(row, ticks(row), info) for row in frames.rows()))
+    return Take(info, make_frames(path.name, frames.rows(), grid_ticks(rate), info))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -151,23 +152,27 @@ class _Frames:
     """All frames: positions (3, n, F) and residuals (n, F) in metres, and which points were seen (n, F)."""
 
     points_m: Floats
-    seen: npt.NDArray[np.bool_]
+    seen: Mask
     residual_m: Floats
 
-    def rows(self) -> Iterator[Row]:
-        """Yield the frames, numbered from 0."""
-        for number in range(self.seen.shape[1]):
-            seen = self.seen[:, number]
-            ids = np.flatnonzero(seen).astype(np.uint32)
-            yield Row(
-                line=0,
-                number=number,
-                time_s=float("nan"),
-                points_m=self.points_m[:, seen, number].T.astype(np.float32),
-                ids=ids,
-                flags=np.full(len(ids), UNLABELED, np.uint32),
-                bodies=(),
-                residual_m=self.residual_m[seen, number].astype(np.float32),
+    def stamps(self, start: int, stop: int) -> Stamps:
+        """Return what is known of when the frames were captured: their numbers, from 0."""
+        number = np.arange(start, stop)
+        return Stamps(np.zeros(len(number), np.int64), number, np.full(len(number), np.nan))
+
+    def rows(self) -> Iterator[Rows]:
+        """Yield the frames, some at a time."""
+        for start in range(0, self.seen.shape[1], FRAMES_AT_ONCE):
+            part = slice(start, start + FRAMES_AT_ONCE)
+            seen = self.seen[:, part].T
+            ids = np.nonzero(seen)[1].astype(np.uint32)
+            yield Rows(
+                self.stamps(start, start + len(seen)),
+                seen.sum(axis=1),
+                self.points_m[:, :, part].transpose(2, 1, 0)[seen].astype(np.float32),
+                ids,
+                np.full(len(ids), UNLABELED, np.uint32),
+                self.residual_m[:, part].T[seen].astype(np.float32),
             )
 
 
@@ -181,7 +186,12 @@ def _rate(name: str, content: C3dContent) -> Fraction:
 
 
 def _units(name: str, content: C3dContent, warnings: list[str]) -> tuple[str, float]:
-    units = str(next(iter(content.parameters.get("UNITS", [])), "")).strip()
+    named = {str(units).strip().lower(): str(units).strip() for units in content.parameters.get("UNITS", [])}
+    if len(named) > 1:
+        raise unreadable(
+            name, f"its length unit is {' and '.join(map(repr, named.values()))}", "Export it in one unit."
+        )
+    units = next(iter(named.values()), "")
     if not units:
         warnings.append("The file names no length unit: millimetres are assumed, as is usual in C3D files.")
         return "mm", METRES_PER_UNIT["mm"]
@@ -198,10 +208,18 @@ def _names(content: C3dContent) -> dict[int, str]:
 
 
 def _promised(header: C3dHeader, content: C3dContent, found: int) -> int | None:
-    """Return the header's number of frames; its 16 bits cannot count beyond 65 535, and then it is not asked."""
+    """Return the number of frames by the header, or by the file's size where the header's 16 bits are exhausted."""
+    if found >= MAX_FRAMES:
+        return max(header.held_frames, found)
     promised = header.last_frame - header.first_frame + 1
-    longer = header.last_frame >= 0xFFFF or content.has_trial or found > promised
+    longer = header.last_frame >= MAX_FRAMES or content.has_trial or found > promised
     return None if longer else promised
+
+
+def _up_axis(content: C3dContent) -> dict[str, str]:
+    """Return which axis a viewer is to draw upwards, where the file says it."""
+    said = str(next(iter(content.parameters.get("Y_SCREEN", [])), "")).strip().lower().removeprefix("+")
+    return {"up_axis": said} if said in ("x", "y", "z") else {}
 
 
 def _verify_sizes(path: Path) -> C3dHeader:
@@ -221,19 +239,21 @@ def _verify_sizes(path: Path) -> C3dHeader:
         raise unreadable(path.name, f"its processor type {section[3]} is not known", DAMAGED)
     if section[3] == DEC:
         raise unreadable(path.name, "it holds VAX numbers (processor type 85)", "Convert it to the Intel format.")
-    header = _parse_header(block, "<" if section[3] == INTEL else ">")
+    header = _parse_header(block, "<" if section[3] == INTEL else ">", size)
     if size < max(header.needed_bytes, at + section[2] * BLOCK_BYTES):
         raise _cut(path)
     return header
 
 
-def _parse_header(block: bytes, order: str) -> C3dHeader:
+def _parse_header(block: bytes, order: str, size: int) -> C3dHeader:
     n_points, n_analog, first, last = struct.unpack_from(order + "4H", block, 2)
     (scale,) = struct.unpack_from(order + "f", block, 12)
     (data_block,) = struct.unpack_from(order + "H", block, 16)
     value_bytes = 4 if scale < 0 else 2
     frame_bytes = (4 * n_points + n_analog) * value_bytes
-    return C3dHeader(first, last, max(data_block - 1, 0) * BLOCK_BYTES + frame_bytes * max(last - first + 1, 0))
+    start = max(data_block - 1, 0) * BLOCK_BYTES
+    held = max(size - start - BLOCK_BYTES + 1, 0) // max(frame_bytes, 1)
+    return C3dHeader(first, last, start + frame_bytes * max(last - first + 1, 0), held)
 
 
 def _cut(path: Path) -> RecordingError:

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
-from statistics import median
 
-from bench.drivers.takes.take import TICKS_PER_S, Row
+import numpy as np
+
+from bench.drivers.takes.rows import Ascending, Floats, Stamps, Ticks
+from bench.drivers.takes.take import TICKS_PER_S
 
 __all__ = [
     "MAX_FRAME_NUMBER",
     "MAX_TIME_S",
     "METRES_PER_UNIT",
+    "GridSurvey",
     "Survey",
-    "ascending",
     "file_ticks",
     "grid_ticks",
     "parse_rate",
@@ -35,6 +36,8 @@ METRES_PER_UNIT = {
 
 MAX_STEPS = 100_000
 """Time steps kept for the median: more would not change it, and memory stays bounded."""
+MAX_ROUNDING_S = 1.1e-3
+"""Times are written to the millisecond, rounded or cut off: 1 ms, and a tenth for the digits after it."""
 RATE_LIMITS_HZ = (0.01, 1e6)
 MAX_FRAME_NUMBER = 0xFFFFFFFF
 """MCAP's sequence numbers are 32-bit."""
@@ -45,78 +48,109 @@ MAX_START_S = 4_102_444_800
 UNKNOWN_START = (0, "unknown: the take's frame 0 is put at 1970-01-01 00:00 UTC")
 START = re.compile(r"(\d{4})-(\d\d)-(\d\d)[ T](\d\d)[.:](\d\d)[.:](\d\d)(?:\.(\d{1,6}))?(?: ([AP]M))?")
 
-Ticks = Callable[[Row], int]
-
 
 @dataclass
 class Survey:
-    """What one pass over all rows of a take found, before anything of it is used."""
+    """What one pass over the numbers and times of all frames found, before any of them is used."""
 
     n_frames: int = 0
-    n_points: int = 0
-    points_min: int = 0
-    points_max: int = 0
-    first: Row | None = None
-    steps_s: list[float] = field(default_factory=list)
-    """Time per frame number, one for each pair of neighbouring rows."""
-    n_not_ascending: int = 0
     cut: list[int] = field(default_factory=list)
     """Number of the last line where it has no line end."""
-    _last: Row | None = None
+    first: tuple[int, float] | None = None
+    """Number and time of the first frame."""
+    _last: tuple[int, float] | None = None
+    _steps: list[Floats] = field(default_factory=list)
+    _n_steps: int = 0
+    _ascending: Ascending = field(default_factory=Ascending)
 
-    def add(self, row: Row) -> None:
-        n = len(row.points_m)
-        self.points_min = n if self.first is None else min(self.points_min, n)
-        self.points_max = max(self.points_max, n)
-        self.n_frames += 1
-        self.n_points += n
-        if self._last is not None and len(self.steps_s) < MAX_STEPS:
-            self.steps_s.append((row.time_s - self._last.time_s) / (row.number - self._last.number))
-        self.first = self.first or row
-        self._last = row
+    def add(self, found: Stamps) -> None:
+        """Take in the next frames; those that do not ascend are only counted."""
+        stamps = found.keep(self._ascending.mask(found))
+        if len(stamps) == 0:
+            return
+        self.first = self.first or (int(stamps.number[0]), float(stamps.time_s[0]))
+        self.n_frames += len(stamps)
+        self._add_steps(stamps)
+        self._last = int(stamps.number[-1]), float(stamps.time_s[-1])
+        self.compare(stamps)
+
+    def compare(self, stamps: Stamps) -> None:
+        """Compare the times of frames that ascend with whatever the format says of them; here with nothing."""
 
     @property
     def median_rate_hz(self) -> float:
         """1 / median time step, to a millihertz; 0 where there are no times or none pass."""
-        steps = [step for step in self.steps_s if step > 0]
-        return round(1.0 / median(steps), 3) if steps else 0.0
+        steps = np.concatenate([np.empty(0), *self._steps])
+        steps = steps[steps > 0]
+        return round(1.0 / float(np.median(steps)), 3) if len(steps) else 0.0
 
     def warnings(self, promised: int | None) -> list[str]:
         """Return what was found amiss, one sentence each."""
         found = []
         if self.cut:
             found.append(f"The last line ({self.cut[0]}) has no line end and may be cut, so it is left out.")
-        if self.n_not_ascending:
-            found.append(f"{self.n_not_ascending} frames are left out: they repeat or go back in number or in time.")
+        if self._ascending.n_left_out:
+            n, line = self._ascending.n_left_out, self._ascending.first_line
+            frames = f"{n} frames are left out, the first of them" if n > 1 else "1 frame is left out,"
+            found.append(f"{frames} in line {line}: repeated, or back in number or in time.")
         if promised is not None and promised != self.n_frames:
             found.append(f"The header promises {promised} frames, {self.n_frames} were found.")
         return found
 
+    def _add_steps(self, stamps: Stamps) -> None:
+        """Keep the time per frame number between neighbours."""
+        if self._n_steps >= MAX_STEPS:
+            return
+        number, time_s = stamps.number, stamps.time_s
+        if self._last is not None:
+            number = np.concatenate([[self._last[0]], number])
+            time_s = np.concatenate([[self._last[1]], time_s])
+        self._steps.append(np.diff(time_s) / np.diff(number))
+        self._n_steps += len(number) - 1
 
-def ascending(rows: Iterable[Row], survey: Survey | None = None) -> Iterator[Row]:
-    """Yield the rows whose number ascends and whose time does not go back; the others are counted in `survey`."""
-    last: Row | None = None
-    for row in rows:
-        if last is not None and (row.number <= last.number or row.time_s < last.time_s):
-            if survey is not None:
-                survey.n_not_ascending += 1
-            continue
-        last = row
-        yield row
+
+@dataclass
+class GridSurvey(Survey):
+    """And how far the written times are from the grids of the rates that the header gives."""
+
+    rates_hz: tuple[Fraction, ...] = ()
+    worst_s: Floats = field(default_factory=lambda: np.zeros(0))
+    """For each of the rates."""
+
+    def __post_init__(self) -> None:
+        self.worst_s = np.zeros(len(self.rates_hz))
+
+    def compare(self, stamps: Stamps) -> None:
+        number, time_s = self.first or (0, 0.0)
+        rates_hz = np.array([float(rate) for rate in self.rates_hz])
+        grid_s = (stamps.number - number)[:, None] / rates_hz
+        off_s = np.abs((stamps.time_s - time_s)[:, None] - grid_s)
+        self.worst_s = np.maximum(self.worst_s, np.nan_to_num(off_s).max(axis=0))  # NaN: the file has no times
+
+    @property
+    def grid_rate_hz(self) -> Fraction | None:
+        """The first rate whose grid the written times follow: exports may number frames of either."""
+        pairs = zip(self.rates_hz, self.worst_s.tolist(), strict=True)
+        return next((rate for rate, worst_s in pairs if worst_s <= MAX_ROUNDING_S), None)
 
 
-def grid_ticks(rate_hz: Fraction) -> Ticks:
-    """Return the function that puts a row on the grid of `rate_hz`, exactly: frame number over rate, in nanoseconds.
+def grid_ticks(rate_hz: Fraction, origin: int = 0) -> Ticks:
+    """Return the function that puts frames on the grid of `rate_hz`, exactly: frame number over rate, in nanoseconds.
 
     The times written in a Motive export are rounded to milliseconds (0.44 ms off at 360 Hz); the grid is not.
+    `origin` is the number of the frame at time 0.
     """
     num, den = rate_hz.numerator, rate_hz.denominator
-    return lambda row: (2 * row.number * TICKS_PER_S * den + num) // (2 * num)
+
+    def ticks(stamps: Stamps) -> list[int]:
+        return [(2 * (number - origin) * TICKS_PER_S * den + num) // (2 * num) for number in stamps.number.tolist()]
+
+    return ticks
 
 
-def file_ticks(row: Row) -> int:
-    """Return the time written in the file, in nanoseconds."""
-    return round(row.time_s * TICKS_PER_S)
+def file_ticks(stamps: Stamps) -> list[int]:
+    """Return the times written in the file, in nanoseconds."""
+    return [round(time_s * TICKS_PER_S) for time_s in stamps.time_s.tolist()]
 
 
 def parse_rate(text: str) -> Fraction | None:

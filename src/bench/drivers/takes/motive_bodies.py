@@ -9,8 +9,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
+from bench.drivers.takes.columns import ColumnTable
 from bench.drivers.takes.motive_header import BodyColumns, MotiveHeader, PointColumns
-from bench.drivers.takes.text import TextFile, float_cell, split_cells
 
 __all__ = ["find_body_markers"]
 
@@ -20,7 +20,7 @@ MAX_ROWS = 10_000
 Floats = npt.NDArray[np.float64]
 
 
-def find_body_markers(file: TextFile, header: MotiveHeader) -> dict[str, list[list[float]]]:
+def find_body_markers(table: ColumnTable, header: MotiveHeader) -> dict[str, list[list[float]]]:
     """Return each rigid body's markers in its own frame, in metres, from the first row that shows them all.
 
     The solved markers are taken where they were exported (the body's definition, moved with it), else the measured
@@ -28,11 +28,12 @@ def find_body_markers(file: TextFile, header: MotiveHeader) -> dict[str, list[li
     """
     wanted = {body.name: (body, points) for body in header.bodies if (points := _points_of(body, header))}
     found: dict[str, list[list[float]]] = {}
-    rows = ((line, text) for line, text in file.lines() if line >= header.first_row and text.strip(" ,"))
+    lines = table.file.lines() if wanted else iter(())
+    rows = ((line, text) for line, text in lines if line >= table.first_row and text.strip(" ,"))
     for line, text in islice(rows, MAX_ROWS):
-        cells = split_cells(text)
+        cells = table.cells(line, text)
         for name, (body, points) in list(wanted.items()):
-            local = _local_points(file, line, cells, body, points, header)
+            local = _local_points(table, line, cells, body, points, header)
             if local is not None:
                 found[name] = local.round(6).tolist()  # a micrometre: the export has no more
                 del wanted[name]
@@ -49,7 +50,7 @@ def _points_of(body: BodyColumns, header: MotiveHeader) -> list[PointColumns]:
 
 
 def _local_points(
-    file: TextFile,
+    table: ColumnTable,
     line: int,
     cells: Sequence[str],
     body: BodyColumns,
@@ -59,7 +60,7 @@ def _local_points(
     """Return the points in the body's frame, None where the row does not show all of them."""
 
     def numbers(columns: Sequence[int]) -> Floats:
-        return np.array([float_cell(file, line, cells[column], header.labels[column]) for column in columns])
+        return np.array([table.value(line, cells, column) for column in columns])
 
     position, rotation = numbers(body.all_of("position", "XYZ")), numbers(body.all_of("rotation", "XYZW"))
     seen = np.array([numbers(point.xyz) for point in points])

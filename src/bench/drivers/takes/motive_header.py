@@ -84,9 +84,8 @@ class MotiveHeader:
     promised: int | None
     first_row: int
     """Line number of the first row of data."""
-    n_columns: int
     labels: tuple[str, ...]
-    """For messages: what each column is."""
+    """For messages: what each column is, as many as the table has."""
     time_column: int | None
     markers: tuple[PointColumns, ...]
     """Measured markers: columns of type ``Marker``."""
@@ -116,8 +115,10 @@ class Column:
 def read_header(file: TextFile) -> MotiveHeader:
     """Read the header. Raises as `bench.drivers.takes.read_take` does."""
     lines = ((line, [cell.strip() for cell in split_cells(text)]) for line, text in file.lines())
-    keys = _pairs(next(cells for _, cells in lines if any(cells)))
+    top_line, top = next((line, cells) for line, cells in lines if any(cells))
+    keys = _pairs(top)
     version, warnings = _version(file, keys)
+    _verify_one_unit(file, top_line, top)
     units, metres_per_unit = _units(file, keys, warnings)
     rows, axes, first_row = _rows(file, lines)
     columns = list(_columns(rows, axes))
@@ -133,11 +134,8 @@ def read_header(file: TextFile) -> MotiveHeader:
         rates_hz=_rates(file, keys),
         promised=_promised(keys),
         first_row=first_row,
-        n_columns=len(axes),
         labels=tuple(_labels(columns, axes)),
-        time_column=next(
-            (i for i, axis in enumerate(axes) if axis.lower().startswith("time (") or axis == "Time"), None
-        ),
+        time_column=_time_column(file, first_row - 1, axes),
         markers=markers,
         solved=solved,
         bodies=_bodies(columns, solved),
@@ -175,6 +173,23 @@ def _units(file: TextFile, keys: dict[str, str], warnings: list[str]) -> tuple[s
     if units.lower() not in METRES_PER_UNIT:
         raise unreadable(file.name, f"its length unit '{units}' is not known", "Export it again in meters.")
     return units, METRES_PER_UNIT[units.lower()]
+
+
+def _verify_one_unit(file: TextFile, line: int, cells: list[str]) -> None:
+    """Refuse a header that names two length units: whoever pasted two exports together knows which rows are which."""
+    at = [column for column, cell in enumerate(cells[:-1], start=1) if cell == "Length Units" and cells[column]]
+    if len({cells[column].lower() for column in at}) > 1:
+        named = " and ".join(f"'{cells[column]}' in column {column + 1}" for column in at)
+        raise file.at(line, f"its length unit is {named}")
+
+
+def _time_column(file: TextFile, line: int, axes: list[str]) -> int | None:
+    for column, axis in enumerate(axes):
+        if axis.lower().startswith("time (") and axis.lower() != "time (seconds)":
+            raise file.at(line, f"'{axis}' in column {column + 1} is no time in seconds")
+        if axis.lower() in ("time", "time (seconds)"):
+            return column
+    return None
 
 
 def _rates(file: TextFile, keys: dict[str, str]) -> tuple[Fraction, ...]:

@@ -6,25 +6,34 @@ from pathlib import Path
 
 from bench.drivers.takes.c3d import is_c3d, read_c3d
 from bench.drivers.takes.motive_csv import read_motive
+from bench.drivers.takes.parquet import is_parquet, read_parquet
 from bench.drivers.takes.take import Take, unreadable
-from bench.drivers.takes.text import TextFile, split_cells
+from bench.drivers.takes.text import Progress, TextFile, split_cells
 from bench.drivers.takes.tracking_tools import KEYWORDS, read_tracking_tools
+from bench.drivers.takes.trc import FILE_TYPE, read_trc
 
 __all__ = ["read_take"]
 
 SNIFF_BYTES = 1024
-KNOWN = "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), and C3D files."
+SEPARATORS = {";": "semicolons", "\t": "tabs"}
+KNOWN = (
+    "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D, TRC and bench's Parquet."
+)
 
 
-def read_take(path: Path) -> Take:
-    """Read a take: a Motive or Tracking Tools CSV export, or a C3D file, told apart by what is in it.
+def read_take(path: Path, progress: Progress | None = None) -> Take:
+    """Read a take: a Motive or Tracking Tools CSV export, a C3D, TRC or bench's own Parquet file.
 
-    The whole file is looked at once before the first frame is given out, so that an error comes before anything
-    is done with the frames. A CSV is then read again frame by frame, in bounded memory.
+    They are told apart by what is in them.
+
+    A text file is looked through once for the number and time of every frame, which is what the grid of its times,
+    its gaps and its warnings need; its cells are read while the frames are taken, in bounded memory.
 
     Parameters
     ----------
     path : Path
+    progress : callable, optional
+        Told which share of the file has been looked through, 0…1; not of a C3D file.
 
     Returns
     -------
@@ -36,21 +45,27 @@ def read_take(path: Path) -> Take:
     Raises
     ------
     RecordingError
-        The file is missing, empty, no take, of an unknown version, without markers or frames, or holds a cell
-        that is no number.
+        The file is missing, empty, no take, of an unknown version, or without markers or frames. While the frames
+        are taken: a cell is no number, or no frame has a marker.
     """
     start = _start_of(path)
     if is_c3d(start):
         return read_c3d(path)
+    if is_parquet(start):
+        return read_parquet(path, progress)
     file = TextFile.of(path)
     line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""
     first = next((cell.strip() for cell in split_cells(line)), "")
     if first == "Format Version":
-        return read_motive(file)
+        return read_motive(file, progress)
     if first.lower() in KEYWORDS:
-        return read_tracking_tools(file)
+        return read_tracking_tools(file, progress)
+    if first.split(maxsplit=1)[:1] == [FILE_TYPE]:
+        return read_trc(file, progress)
     if first.startswith("Format Version"):
-        raise unreadable(path.name, "its cells are not separated by commas", "Export it again from Motive, as CSV.")
+        found = next((name for sign, name in SEPARATORS.items() if sign in line), "something else")
+        what = f"its cells are separated by {found} and not by commas"
+        raise unreadable(path.name, what, "Export it again from Motive, or save it with commas and decimal points.")
     raise unreadable(path.name, "it is no take that bench knows", KNOWN)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.errors import RecordingError
-from bench.model import UNLABELED, RigidBody, StampKind, TrackerFrame
+from bench.model import UNLABELED, StampKind, TrackerFrame
 
 __all__ = [
     "LABELED_FLAGS",
@@ -17,11 +17,9 @@ __all__ = [
     "TICKS_PER_S",
     "UNLABELED_FLAGS",
     "Points",
-    "Row",
     "Take",
     "TakeInfo",
     "Words",
-    "make_frame",
     "unreadable",
 ]
 
@@ -40,10 +38,10 @@ Words = npt.NDArray[np.uint32]
 
 @dataclass(frozen=True)
 class TakeInfo:
-    """What a take says of itself, and what was found when all of it was looked at."""
+    """What a take says of itself, and what was found when the number and time of every frame were looked at."""
 
     format: str
-    """`Motive CSV`, `Tracking Tools CSV` or `C3D`."""
+    """`Motive CSV`, `Tracking Tools CSV`, `C3D`, `TRC` or `Parquet`."""
     version: str
     rate_hz: float
     """Frames a second: the header's, or 1 / median time step where the header gives none."""
@@ -54,10 +52,6 @@ class TakeInfo:
     frames_promised: int | None
     """Frames according to the header; None where it does not say."""
     frames_found: int
-    points_min: int
-    """Fewest points in a frame."""
-    points_max: int
-    """Most points in a frame."""
     bodies: dict[int, str] = field(default_factory=dict)
     """Names of the rigid bodies by the ids used in the frames."""
     body_markers: dict[str, list[list[float]]] = field(default_factory=dict)
@@ -84,45 +78,13 @@ class Take:
     ----------
     info : TakeInfo
     frames : iterator of TrackerFrame
-        In order of capture, positions in metres in the tracker's lab frame. One frame is held at a time; the
-        iterator can be used once.
+        In order of capture, positions in metres in the tracker's lab frame. A few hundred frames are held at a
+        time; the iterator can be used once. It raises `RecordingError` at a cell that is no number, and after the
+        last frame when none of them had a point.
     """
 
     info: TakeInfo
     frames: Iterator[TrackerFrame]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Row:
-    """One frame as it stands in the file, before it is given a time."""
-
-    line: int
-    number: int
-    time_s: float
-    """The time written in the file, NaN where there is none."""
-    points_m: Points
-    ids: Words
-    flags: Words
-    bodies: tuple[RigidBody, ...]
-    residual_m: Points | None = None
-
-
-def make_frame(row: Row, ticks: int, info: TakeInfo) -> TrackerFrame:
-    """Return `row` as the frame a tracker would have sent, captured `ticks` nanoseconds after the take began."""
-    capture_ns = info.start_ns + ticks
-    residual_m = np.full(len(row.points_m), np.nan, np.float32) if row.residual_m is None else row.residual_m
-    return TrackerFrame(
-        arrival_ns=capture_ns,
-        capture_ns=capture_ns,
-        frame_number=row.number,
-        device_ticks=ticks,
-        stamp=info.stamp,
-        points_m=row.points_m,
-        ids=row.ids,
-        flags=row.flags,
-        residual_m=residual_m,
-        bodies=row.bodies,
-    )
 
 
 def unreadable(name: str, what: str, hint: str = "") -> RecordingError:
