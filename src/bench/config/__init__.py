@@ -1,5 +1,6 @@
 """TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
 
+from bench.config.calibration import CalibrationConfig
 from bench.config.load import (
     config_schema,
     load_config,
@@ -35,10 +36,10 @@ from bench.config.models import (
     CycleConfig,
     RobotConfig,
     RunConfig,
-    SimulationConfig,
     TrackerConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.simulation import SimulationConfig
 
 __all__ = [
     "Acknowledge",
@@ -46,6 +47,7 @@ __all__ = [
     "AnchorConfig",
     "AnyRobotConfig",
     "CableConfig",
+    "CalibrationConfig",
     "Command",
     "Commands",
     "Config",
