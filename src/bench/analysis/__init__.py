@@ -12,11 +12,15 @@ from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
 from bench.analysis.isolated import find_isolated_bends
+from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
 from bench.analysis.sources import CycleFollower, CycleSource, RobotSigns, count_cycles, make_cycle_source
 from bench.analysis.starts import refine_starts
+from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 
 __all__ = [
@@ -33,7 +37,13 @@ __all__ = [
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
+    "FlangeSightings",
     "Gaps",
+    "HandEye",
+    "MotionOffset",
+    "PoseTrack",
+    "RigidFit",
+    "RigidTransform",
     "RobotSigns",
     "SegmentClock",
     "SortSettings",
@@ -45,12 +55,15 @@ __all__ = [
     "align_by_echo",
     "centre_of_labeled",
     "count_cycles",
+    "estimate_motion_offset",
     "exclude_near",
     "find_cycles",
     "find_gaps",
     "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
+    "fit_hand_eye",
+    "fit_rigid",
     "fit_spline",
     "gather_positions",
     "get_estimator",

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from bench.analysis.arrays import Bools, Floats
@@ -13,9 +12,10 @@ from bench.analysis.correlation import correlation_length
 from bench.analysis.rigid import (
     REJECT_SIGMAS,
     RigidTransform,
+    align_points,
     estimate_sigma,
-    fit_rigid,
-    invert,
+    invert_information,
+    lever,
     verify_told,
 )
 from bench.analysis.tracks import PoseTrack
@@ -27,11 +27,20 @@ FEWEST_POSES = 20
 """Thirteen unknowns, and some frames to tell whether they are right."""
 LEAST_TRAVEL_M = 0.02
 """A body that keeps within 20 mm tells nothing of its frame's directions."""
-MOST_FRAMES = 4_000
-"""More are thinned out evenly: 0.2 mm of noise is 3 micrometres in the mean of 4 000."""
+MOST_FRAMES = 2_000
+"""More are thinned out evenly: 0.2 mm of noise is 5 micrometres in the mean of 2 000."""
 START_ROUNDS = 60
 """Of the alternation that starts the fit to a single marker: it halves its error in one to three rounds."""
 REJECT_ROUNDS = 4
+MOST_STEPS = 50
+DAMPING = 1e-6
+NO_GAIN = 1e-9
+HUBER = 2.0
+"""Misfits beyond two standard deviations pull no harder than there, until those beyond 4.5 are left out."""
+TIME_STEP_S = 1e-4
+MOST_SIGMA_S = 0.002
+"""At 1 m/s that is 2 mm."""
+SMALLEST = 1e-12
 MORE_AXES = (
     "drive a calibration program that moves the flange by some 100 mm in three directions and turns it by 30 degrees "
     "or more about three axes"
@@ -57,10 +66,10 @@ class FlangeSightings:
     @property
     def is_known(self) -> Bools:
         """(n,): where it was tracked."""
-        known = np.isfinite(self.position_m).all(axis=1)
+        known: Bools = np.isfinite(self.position_m).all(axis=1)
         if self.quaternion_xyzw is not None:
             known &= np.isfinite(self.quaternion_xyzw).all(axis=1) & (np.abs(self.quaternion_xyzw).sum(axis=1) > 0)
-        return known
+        return np.asarray(known)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +130,10 @@ def fit_hand_eye(track: PoseTrack, sightings: FlangeSightings, offset_s: float =
     rows = _choose_rows(track, sightings, offset_s)
     chosen = sightings.take(rows)
     problem = _Problem(track, chosen)
-    start = _start_with_body(problem, offset_s) if problem.has_turns else _start_with_marker(problem, offset_s)
+    if problem.turns is None:
+        start = _start_with_marker(problem, offset_s)
+    else:
+        start = _start_with_body(problem, problem.turns, offset_s)
     state, used = problem.solve(start)
     return _describe(problem, state, used, rows, len(sightings.time_s))
 
@@ -133,12 +145,7 @@ class _State:
     offset_s: float
 
     def changed_by(self, step: Floats) -> _State:
-        body = RigidTransform(Rotation.from_rotvec(step[6:9]).as_matrix() @ self.body.rotation, self.body.shift_m)
-        return _State(
-            self.lab.changed_by(step[:6]),
-            RigidTransform(body.rotation, self.body.shift_m + step[9:12]),
-            self.offset_s + step[12],
-        )
+        return _State(self.lab.changed_by(step[:6]), self.body.changed_by(step[6:12]), self.offset_s + step[12])
 
 
 class _Problem:
@@ -146,8 +153,9 @@ class _Problem:
 
     def __init__(self, track: PoseTrack, seen: FlangeSightings) -> None:
         self.track, self.seen = track, seen
-        self.has_turns = seen.quaternion_xyzw is not None
-        self.turns = Rotation.from_quat(seen.quaternion_xyzw).as_matrix() if self.has_turns else None
+        turns = None if seen.quaternion_xyzw is None else Rotation.from_quat(seen.quaternion_xyzw).as_matrix()
+        self.turns: Floats | None = turns
+        self.has_turns = turns is not None
         free = np.ones(13, dtype=bool)
         free[6:9] = self.has_turns
         self.free = np.flatnonzero(free)
@@ -178,39 +186,52 @@ class _Problem:
         parts = [misfit[used, i : i + 3] for i in range(0, misfit.shape[1], 3)]
         return np.repeat([estimate_sigma(np.linalg.norm(part, axis=1)) for part in parts], 3)
 
-    def jacobian(self, state: _State) -> Floats:
-        """Return (n, 3 or 6, 13 or 10) by central differences: 26 evaluations of plain array arithmetic."""
-        steps = np.repeat([1e-5, 1e-5, 1e-5, 1e-5, 1e-4], [3, 3, 3, 3, 1])
-        columns = []
-        for index in self.free:
-            step = np.zeros(13)
-            step[index] = steps[index]
-            ahead, behind = self.misfits(state.changed_by(step)), self.misfits(state.changed_by(-step))
-            columns.append((ahead - behind) / (2 * steps[index]))
-        return np.stack(columns, axis=2)
+    def slopes(self, state: _State) -> Floats:
+        """Return (n, 3 or 6, 13 or 10): how the misfits change with each unknown, to first order in small angles."""
+        turn, place = self.track.at(self.seen.time_s + state.offset_s)
+        reach = state.lab.turn(place + turn @ state.body.shift_m)
+        slopes = np.zeros((len(place), 6 if self.has_turns else 3, 13))
+        slopes[:, :3, :6] = -lever(reach)
+        slopes[:, :3, 9:12] = -state.lab.rotation @ turn
+        if self.has_turns:
+            body = state.lab.rotation @ turn @ state.body.rotation
+            slopes[:, 3:, :3] = -np.swapaxes(body, 1, 2)
+            slopes[:, 3:, 6:9] = -state.body.rotation.T
+        ahead, behind = (
+            self.misfits(replace(state, offset_s=state.offset_s + dt)) for dt in (TIME_STEP_S, -TIME_STEP_S)
+        )
+        slopes[:, :, 12] = (ahead - behind) / (2 * TIME_STEP_S)
+        return slopes[:, :, self.free]
 
     def _fitting(self, state: _State, known: Bools) -> Bools:
         misfit = self.misfits(state)
-        sizes = np.linalg.norm(
-            (misfit / self.scales(misfit, known)).reshape(len(misfit), -1, 3), axis=2
-        )
+        sizes = np.linalg.norm((misfit / self.scales(misfit, known)).reshape(len(misfit), -1, 3), axis=2)
         return np.asarray((sizes <= REJECT_SIGMAS).all(axis=1))
 
     def _minimise(self, state: _State, used: Bools) -> _State:
-        misfit = self.misfits(state)
-        scale = self.scales(misfit, used)
-        moved = state
+        """Levenberg and Marquardt's steps with Huber's weights, from a start that is near."""
+        scale = self.scales(self.misfits(state), used)
+        damping, cost = DAMPING, self._cost(state, used, scale)
+        for _ in range(MOST_STEPS):
+            misfit = (self.misfits(state)[used] / scale).ravel()
+            slopes = (self.slopes(state)[used] / scale[:, None]).reshape(-1, len(self.free))
+            weighted = slopes * np.minimum(1.0, HUBER / np.maximum(np.abs(misfit), SMALLEST))[:, None]
+            information = weighted.T @ slopes
+            information[np.diag_indices_from(information)] *= 1.0 + damping
+            step = invert_information(information) @ (weighted.T @ -misfit)
+            moved = state.changed_by(self._full(step))
+            moved_cost = self._cost(moved, used, scale)
+            if moved_cost <= cost:
+                gain, state, cost, damping = cost - moved_cost, moved, moved_cost, damping / 10
+                if gain <= NO_GAIN * cost:
+                    break
+            else:
+                damping *= 10
+        return state
 
-        def residuals(step: Floats) -> Floats:
-            return np.asarray((self.misfits(moved.changed_by(self._full(step)))[used] / scale).ravel())
-
-        def slopes(step: Floats) -> Floats:
-            return np.asarray(
-                (self.jacobian(moved.changed_by(self._full(step)))[used] / scale[:, None]).reshape(-1, len(self.free))
-            )
-
-        found = least_squares(residuals, np.zeros(len(self.free)), slopes, loss="huber", f_scale=2.0, x_scale="jac")
-        return moved.changed_by(self._full(found.x))
+    def _cost(self, state: _State, used: Bools, scale: Floats) -> float:
+        size = np.abs(self.misfits(state)[used] / scale)
+        return float(np.where(size <= HUBER, size**2, 2 * HUBER * size - HUBER**2).sum())
 
     def _full(self, step: Floats) -> Floats:
         full = np.zeros(13)
@@ -240,12 +261,9 @@ def _choose_rows(track: PoseTrack, sightings: FlangeSightings, offset_s: float) 
     return rows
 
 
-def _start_with_body(problem: _Problem, offset_s: float) -> _State:
+def _start_with_body(problem: _Problem, seen_turn: Floats, offset_s: float) -> _State:
     turn, place = problem.track.at(problem.seen.time_s + offset_s)
-    assert_turns = problem.turns
-    if assert_turns is None:
-        return _start_with_marker(problem, offset_s)
-    lab_turn, body_turn = _closed_rotations(turn, assert_turns)
+    lab_turn, body_turn = _closed_rotations(turn, seen_turn)
     shift, point = _linear_shifts(lab_turn, turn, place, problem.seen.position_m)
     return _State(RigidTransform(lab_turn, shift), RigidTransform(body_turn, point), offset_s)
 
@@ -262,9 +280,6 @@ def _closed_rotations(robot: Floats, seen: Floats) -> tuple[Floats, Floats]:
         apart = np.linalg.norm(lab @ robot @ body - seen, axis=(1, 2))
         weight = 1.0 / np.maximum(apart, np.median(apart) + SMALLEST)
     return lab, body
-
-
-SMALLEST = 1e-12
 
 
 def _nearest_rotation(matrix: Floats) -> Floats:
@@ -290,22 +305,30 @@ def _start_with_marker(problem: _Problem, offset_s: float) -> _State:
     turn, place = problem.track.at(problem.seen.time_s + offset_s)
     point = np.zeros(3)
     for _ in range(START_ROUNDS):
-        lab = fit_rigid(place + turn @ point, problem.seen.position_m).transform
+        lab, _ = align_points(place + turn @ point, problem.seen.position_m, np.ones(len(place)))
         _, point = _linear_shifts(lab.rotation, turn, place, problem.seen.position_m)
     return _State(lab, RigidTransform(np.eye(3), point), offset_s)
 
 
+def _verify_offset(sigma_s: float) -> None:
+    """Raise `AnalysisError` if the motion tells no time offset, as one of constant speed, or standing still, does."""
+    if not sigma_s <= MOST_SIGMA_S:
+        raise AnalysisError(
+            f"The time offset cannot be told (standard deviation {sigma_s * 1e3:.2g} ms): the flange hardly moves.",
+            hint=f"{MORE_AXES[:1].upper()}{MORE_AXES[1:]}.",
+        )
+
+
 def _describe(problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows: int) -> HandEye:
     misfit = problem.misfits(state)
-    scale = np.repeat(
-        [np.sqrt(np.mean(np.square(misfit[used, i : i + 3]))) for i in range(0, misfit.shape[1], 3)], 3
-    )
-    slopes = (problem.jacobian(state)[used] / scale[:, None]).reshape(-1, len(problem.free))
+    scale = np.repeat([np.sqrt(np.mean(np.square(misfit[used, i : i + 3]))) for i in range(0, misfit.shape[1], 3)], 3)
+    slopes = (problem.slopes(state)[used] / scale[:, None]).reshape(-1, len(problem.free))
     correlation = correlation_length(misfit[used])
     freedom = len(slopes) / max(len(slopes) - len(problem.free), 1)
     covariance = np.full((13, 13), np.nan)
-    covariance[np.ix_(problem.free, problem.free)] = invert(slopes.T @ slopes) * correlation * freedom
+    covariance[np.ix_(problem.free, problem.free)] = invert_information(slopes.T @ slopes) * correlation * freedom
     verify_told(covariance[:6, :6], MORE_AXES)
+    _verify_offset(float(np.sqrt(covariance[12, 12])))
     length, angle = np.full(n_rows, np.nan), np.full(n_rows, np.nan)
     length[rows] = np.linalg.norm(misfit[:, :3], axis=1)
     if problem.has_turns:

@@ -8,8 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
-from bench.analysis.arrays import Floats, Ints
-from bench.analysis.correlation import correlation_length
+from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.hand_eye import FlangeSightings
 from bench.analysis.tracks import PoseTrack
 from bench.errors import AnalysisError
@@ -17,15 +16,20 @@ from bench.errors import AnalysisError
 __all__ = ["MotionOffset", "estimate_motion_offset"]
 
 LARGEST_OFFSET_S = 0.5
-"""Both clocks are mapped to host time before: what is left are delays of milliseconds, of a slow network tens of them."""
+"""Both clocks are mapped to host time before: what is left are delays of milliseconds, in bad networks tens of them."""
 STEP_S = 0.004
 HALF_WINDOW_S = 0.03
 """Speeds are chords over 60 ms, of both devices alike: 0.2 mm of noise is then 5 mm/s, and bends of a path stay."""
-MOST_SIGMA_S = 0.005
+MOST_SIGMA_S = 0.02
 CLEAR_GAIN = 12.0
 """How much less likely another peak must be: e^-12, after neighbours that err together are counted once."""
-MAIN_PEAK_S = 0.05
+BLOCK_S = 1.0
 FEWEST_SPEEDS = 50
+FASTEST_RATIO = 9.0
+"""Of squared speeds: a point of the flange three times as fast as the TCP ever is was not the flange."""
+REJECT_SIGMAS = 4.5
+MEDIAN_TO_SIGMA = 1.4826
+"""Standard deviation of normal numbers over the median of their magnitude."""
 MOVE_UNEVENLY = "Record a run in which the flange starts, stops and changes its speed often, in no even rhythm."
 TINY = float(np.finfo(np.float64).tiny)
 
@@ -46,7 +50,7 @@ class MotionOffset:
 class _Candidate:
     offset: MotionOffset
     other_s: float
-    """The next best offset that lies beyond the best one's own peak."""
+    """The offset of the next best peak; NaN where there is only one."""
     gain: float
     """How much less likely that is: difference of the logarithms."""
 
@@ -60,6 +64,10 @@ class _Speeds:
     grid_s: Floats
     driven: Floats
 
+    def take(self, rows: Bools) -> _Speeds:
+        """Return some of the seen speeds."""
+        return _Speeds(self.time_s[rows], self.seen[rows], self.grid_s, self.driven)
+
     def misfit(self, offset_s: float) -> Floats:
         """Return what is left of the seen speeds (n,) after a straight line through the driven ones."""
         driven = np.interp(self.time_s + offset_s, self.grid_s, self.driven)
@@ -72,10 +80,31 @@ class _Speeds:
         """Return the negative log-likelihood of an offset, with gain and noise at their best."""
         return 0.5 * len(self.time_s) * float(np.log(max(self.misfit(offset_s).var(), TINY)))
 
-    def cost_curvature(self, offset_s: float) -> float:
-        """Return the second derivative of the cost, over a step as wide as the grid."""
-        before, at, after = (self.cost(offset_s + shift) for shift in (-STEP_S, 0.0, STEP_S))
-        return (before - 2 * at + after) / STEP_S**2
+    def refine(self, offset_s: float) -> tuple[float, float]:
+        """Return the least cost near an offset of the grid, and where it is."""
+        bounds = (offset_s - 2 * STEP_S, offset_s + 2 * STEP_S)
+        found = minimize_scalar(self.cost, bounds=bounds, method="bounded", options={"xatol": 1e-7})
+        return float(found.fun), float(found.x)
+
+    def sigma_s(self, offset_s: float) -> tuple[float, float]:
+        """Return an offset's standard deviation, and how many speeds err together.
+
+        From the scatter of the scores of stretches of a second, which neighbours that err together, or against each
+        other as overlapping chords do, cannot deceive.
+        """
+        driven, ahead, behind = (
+            np.interp(self.time_s + offset_s + shift, self.grid_s, self.driven) for shift in (0.0, STEP_S, -STEP_S)
+        )
+        known = np.stack([np.ones_like(driven), driven], axis=1)
+        gain = np.linalg.lstsq(known, self.seen, rcond=None)[0][1]
+        slope = gain * (ahead - behind) / (2 * STEP_S)
+        slope = slope - known @ np.linalg.lstsq(known, slope, rcond=None)[0]
+        information, misfit = float(slope @ slope), self.misfit(offset_s)
+        block = ((self.time_s - self.time_s[0]) / BLOCK_S).astype(np.int64)
+        scores = np.bincount(block, slope * misfit)
+        sigma_s = np.sqrt(scores @ scores) / max(information, TINY)
+        alone_s = misfit.std() / np.sqrt(max(information, TINY))
+        return float(sigma_s), float(max(np.square(sigma_s / max(alone_s, TINY)), 1.0))
 
 
 def estimate_motion_offset(track: PoseTrack, sightings: FlangeSightings) -> MotionOffset:
@@ -99,9 +128,11 @@ def estimate_motion_offset(track: PoseTrack, sightings: FlangeSightings) -> Moti
     AnalysisError
         The speed tells no offset (it is constant), or more than one (it repeats within half a second).
     """
-    candidates = [_estimate(_translation(track, sightings))]
+    parts = [_translation(track, sightings)]
     if sightings.quaternion_xyzw is not None:
-        candidates.append(_estimate(_rotation(track, sightings)))
+        parts.append(_rotation(track, sightings))
+    _verify_seen(parts[0])
+    candidates = [_estimate(part) for part in parts]
     best = min(candidates, key=lambda candidate: candidate.offset.sigma_s)
     if not best.offset.sigma_s <= MOST_SIGMA_S:
         raise AnalysisError(
@@ -118,7 +149,7 @@ def estimate_motion_offset(track: PoseTrack, sightings: FlangeSightings) -> Moti
     return best.offset
 
 
-def _estimate(speeds: _Speeds) -> _Candidate:
+def _verify_seen(speeds: _Speeds) -> None:
     n = len(speeds.time_s)
     if n < FEWEST_SPEEDS:
         raise AnalysisError(
@@ -126,21 +157,28 @@ def _estimate(speeds: _Speeds) -> _Candidate:
             "needed for a time offset.",
             hint="See that the flange's markers stay in the cameras' common view, and record the run again.",
         )
+
+
+def _estimate(speeds: _Speeds) -> _Candidate:
+    """Estimate by all speeds that can be, then again without those that do not fit."""
+    speeds = speeds.take(speeds.seen <= FASTEST_RATIO * np.quantile(speeds.driven, 0.99))
+    if len(speeds.time_s) < FEWEST_SPEEDS:
+        return _Candidate(MotionOffset(0.0, np.inf, 0.0), 0.0, 0.0)
+    misfit = np.abs(speeds.misfit(_find(speeds).offset.offset_s))
+    return _find(speeds.take(misfit <= REJECT_SIGMAS * MEDIAN_TO_SIGMA * np.median(misfit)))
+
+
+def _find(speeds: _Speeds) -> _Candidate:
     offsets = np.arange(-LARGEST_OFFSET_S, LARGEST_OFFSET_S + STEP_S / 2, STEP_S)
     cost = np.array([speeds.cost(offset) for offset in offsets])
-    near = float(offsets[cost.argmin()])
-    bounds = (near - 2 * STEP_S, near + 2 * STEP_S)
-    found = minimize_scalar(speeds.cost, bounds=bounds, method="bounded", options={"xatol": 1e-7})
-    offset_s = float(found.x)
-    correlation = correlation_length(speeds.misfit(offset_s)[:, None])
-    curvature = speeds.cost_curvature(offset_s) / correlation
-    sigma_s = 1.0 / np.sqrt(curvature) if curvature > 0 else np.inf
+    dips = np.flatnonzero((cost[1:-1] <= cost[:-2]) & (cost[1:-1] < cost[2:])) + 1
+    dips = dips[np.argsort(cost[dips])][:2] if len(dips) else np.array([cost.argmin()])
+    found = sorted(speeds.refine(float(offset)) for offset in offsets[dips])
+    (least, offset_s), (next_cost, other_s) = found[0], found[1] if len(found) > 1 else (np.inf, np.nan)
+    sigma_s, correlation = speeds.sigma_s(offset_s)
     unexplained = speeds.misfit(offset_s).var() / max(speeds.seen.var(), TINY)
-    others = np.flatnonzero(np.abs(offsets - offset_s) > MAIN_PEAK_S)
-    other = others[cost[others].argmin()]
-    gain = (cost[other] - float(found.fun)) / correlation
-    agreement = np.sqrt(max(1.0 - unexplained, 0.0))
-    return _Candidate(MotionOffset(offset_s, float(sigma_s), float(agreement)), float(offsets[other]), float(gain))
+    agreement = float(np.sqrt(max(1.0 - unexplained, 0.0)))
+    return _Candidate(MotionOffset(offset_s, sigma_s, agreement), other_s, (next_cost - least) / correlation)
 
 
 def _translation(track: PoseTrack, sightings: FlangeSightings) -> _Speeds:
@@ -159,7 +197,7 @@ def _rotation(track: PoseTrack, sightings: FlangeSightings) -> _Speeds:
     grid = _grid(track)
     half = float(np.median(span_s)) / 2
     behind, ahead = (Rotation.from_matrix(track.at(grid + sign * half)[0]) for sign in (-1, 1))
-    return _Speeds(time_s, seen**2, grid, ((behind.inv() * ahead).magnitude() / (2 * half))**2)
+    return _Speeds(time_s, seen**2, grid, ((behind.inv() * ahead).magnitude() / (2 * half)) ** 2)
 
 
 def _chords(track: PoseTrack, sightings: FlangeSightings) -> tuple[Ints, Ints, Floats, Floats]:

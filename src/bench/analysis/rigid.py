@@ -10,11 +10,20 @@ from scipy.spatial.transform import Rotation
 from bench.analysis.arrays import Bools, Floats
 from bench.errors import AnalysisError
 
-__all__ = ["RigidFit", "RigidTransform", "estimate_sigma", "fit_rigid", "lever", "verify_told"]
+__all__ = [
+    "RigidFit",
+    "RigidTransform",
+    "align_points",
+    "estimate_sigma",
+    "fit_rigid",
+    "invert_information",
+    "lever",
+    "verify_told",
+]
 
 MOST_SIGMA_M = 0.005
 MOST_SIGMA_RAD = float(np.deg2rad(1.0))
-"""A transform that is known no better is not told at all: 5 mm is a marker in the wrong place, 1 degree 17 mm at 1 m."""
+"""A transform known no better is not told at all: 5 mm is a marker in the wrong place, 1 degree is 17 mm at 1 m."""
 REJECT_SIGMAS = 4.5
 """Of 10 000 good points with noise in three coordinates, fewer than one lies further out."""
 MEDIAN_OF_CHI3 = 1.5382
@@ -34,11 +43,6 @@ class RigidTransform:
     shift_m: Floats
     """(3,): where the origin goes."""
 
-    @classmethod
-    def identity(cls) -> RigidTransform:
-        """Return the transform that changes nothing."""
-        return cls(np.eye(3), np.zeros(3))
-
     def apply(self, points_m: Floats) -> Floats:
         """Map points (..., 3)."""
         return np.asarray(points_m @ self.rotation.T + self.shift_m, dtype=np.float64)
@@ -46,10 +50,6 @@ class RigidTransform:
     def turn(self, vectors: Floats) -> Floats:
         """Map directions (..., 3)."""
         return np.asarray(vectors @ self.rotation.T, dtype=np.float64)
-
-    def inverse(self) -> RigidTransform:
-        """Return the transform back."""
-        return RigidTransform(self.rotation.T, -self.rotation.T @ self.shift_m)
 
     def changed_by(self, step: Floats) -> RigidTransform:
         """Return the transform after a small step (6,): turned further about the target's axes (rad), shifted (m)."""
@@ -114,18 +114,23 @@ def fit_rigid(source_m: Floats, target_m: Floats, weight: Floats | None = None) 
     if np.count_nonzero(given) < 3:
         raise AnalysisError(f"{np.count_nonzero(given)} pairs of points give no transform: at least 3 are needed.")
     source, target = np.nan_to_num(source_m), np.nan_to_num(target_m)
-    balance = given.copy()
-    for _ in range(ROUNDS):
-        transform = _kabsch(source, target, balance)
-        distance = np.linalg.norm(transform.apply(source) - target, axis=1)
-        sigma = estimate_sigma(distance[given > 0])
-        balance = given / np.maximum(distance, sigma)
-    used = (given > 0) & (distance <= REJECT_SIGMAS * sigma)
-    transform = _kabsch(source, target, np.where(used, given, 0.0))
+    transform, used = align_points(source, target, given)
     covariance = _covariance(transform, source, target, np.where(used, given, 0.0))
     verify_told(covariance, "the points lie on one line or too close together: use points spread in three directions")
     residual = np.where(known, np.linalg.norm(transform.apply(source) - target, axis=1), np.nan)
     return RigidFit(transform, covariance, residual, used)
+
+
+def align_points(source_m: Floats, target_m: Floats, weight: Floats) -> tuple[RigidTransform, Bools]:
+    """Return the transform of `fit_rigid` for pairs (n, 3) with weights (n,), 0 for none, and the pairs used."""
+    balance = weight
+    for _ in range(ROUNDS):
+        transform = _kabsch(source_m, target_m, balance)
+        distance = np.linalg.norm(transform.apply(source_m) - target_m, axis=1)
+        sigma = estimate_sigma(distance[weight > 0])
+        balance = weight / np.maximum(distance, sigma)
+    used = (weight > 0) & (distance <= REJECT_SIGMAS * sigma)
+    return _kabsch(source_m, target_m, np.where(used, weight, 0.0)), used
 
 
 def estimate_sigma(distance_m: Floats) -> float:
@@ -135,9 +140,7 @@ def estimate_sigma(distance_m: Floats) -> float:
 
 def verify_told(covariance: Floats, why: str) -> None:
     """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold; `why` says what to do."""
-    turn, shift = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]), np.sqrt(
-        np.linalg.eigvalsh(covariance[3:6, 3:6])[-1]
-    )
+    turn, shift = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (covariance[:3, :3], covariance[3:, 3:]))
     if not (turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M):
         what = f"{np.rad2deg(turn):.2g} degrees" if not turn <= MOST_SIGMA_RAD else f"{shift * 1e3:.2g} mm"
         raise AnalysisError(f"The transform cannot be told (standard deviation {what}): {why}.")
@@ -160,10 +163,10 @@ def _covariance(transform: RigidTransform, source: Floats, target: Floats, weigh
     misfit = transform.apply(source[used]) - target[used]
     freedom = max(3 * int(used.sum()) - 6, 1)
     variance = max(float(share @ np.square(misfit).sum(axis=1)) / freedom, SMALLEST_SIGMA_M**2)
-    return invert(information) * variance
+    return invert_information(information) * variance
 
 
-def invert(information: Floats) -> Floats:
+def invert_information(information: Floats) -> Floats:
     """Return the covariance of an information matrix; what it does not tell gets a variance beyond all limits."""
     scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
     value, vector = np.linalg.eigh(information / np.outer(scale, scale))
