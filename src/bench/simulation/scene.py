@@ -4,20 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import PurePath
 
 import numpy as np
 import numpy.typing as npt
 
 from bench.config import Config, SimulationConfig
 from bench.model import UNLABELED, RigidBody
+from bench.simulation.bodies import BODY_SIZE
 from bench.simulation.cable import Cable
 from bench.simulation.ghosts import Ghosts
 from bench.simulation.layout import Layout
-from bench.simulation.markers import BODY_OFFSETS_M, Markers
+from bench.simulation.markers import Markers
 from bench.simulation.path import JointPath
 from bench.simulation.program import Motion, PathProgram
 
-__all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout"]
+__all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout", "make_path"]
+
+CALIBRATION_PROGRAM = "calibrate"
+"""A [robot] program of this name, whatever its ending, moves the flange in space and turns it about three axes."""
 
 POINT_CLOUD_SOLVED = 0x02
 HAS_MODEL = 0x08
@@ -52,6 +57,13 @@ class Exposure:
 def make_layout(config: Config) -> Layout:
     """Return where everything stands for a configuration; its anchor is where `position_m` says, if it does."""
     return Layout(config.cable.length_m, config.cable.anchor.position_m)
+
+
+def make_path(config: Config) -> JointPath:
+    """Return the path that the program of a configuration goes along."""
+    layout = make_layout(config)
+    calibrates = config.robot is not None and PurePath(config.robot.program).stem == CALIBRATION_PROGRAM
+    return JointPath(layout.path_amplitude, layout.swing if calibrates else None)
 
 
 def make_cable(config: Config, path: JointPath) -> Cable:
@@ -91,11 +103,12 @@ class Scene:
         """May be given before the first exposure."""
         self.cable = cable or make_cable(config, program.path)
         self._markers = Markers(config, self.cable)
+        self._flange_body = config.calibration.flange_body
         self._noise_m = simulation.noise_mm * 1e-3
         self._miss_probability = simulation.miss_probability
         self._rng = np.random.default_rng(simulation.seed)
         self._ghosts = Ghosts(simulation.ghost_count, self._rng)
-        self.bodies = {body.body_id: (body.name, BODY_OFFSETS_M.copy()) for body in self._markers.bodies}
+        self.bodies = {body.body_id: (body.name, body.markers_m.copy()) for body in self._markers.bodies}
         """Rigid bodies by id: name and (4, 3) marker offsets in the body's own coordinates."""
         self._prepare_points(simulation.ghost_count)
 
@@ -116,18 +129,38 @@ class Scene:
             self._flags[order],
             self._size_m[order],
             self._residual_m[order],
-            self._pose_bodies(motion.place, all_m, noise),
+            markers.measure_bodies(motion.place, noise[self._first_member :]),
         )
+
+    def facts(self) -> dict[str, object]:
+        """Return what an analysis has to find out, as JSON has it: for the truth file."""
+        layout, markers = self.cable.layout, self._markers
+        on_flange = next((body for body in markers.bodies if body.name == self._flange_body), None)
+        return {
+            "base_to_lab": {
+                "rotation": layout.lab_rotation.ravel().tolist(),
+                "shift_m": layout.lab_shift_m.tolist(),
+            },
+            "flange_body": on_flange
+            and {
+                "name": on_flange.name,
+                "shift_m": list(on_flange.mount_m),
+                "quaternion_xyzw": list(on_flange.mount_xyzw),
+            },
+            "marker_arc_length_m": markers.arc_length_m.tolist(),
+            "marker_side_m": markers.offsets_m[0].tolist(),
+            "marker_above_m": markers.offsets_m[1].tolist(),
+        }
 
     def _prepare_points(self, n_ghosts: int) -> None:
         # Every point that can ever be seen has its fixed place: loose markers, ghosts, bodies' markers.
         n_loose, n_bodies = self._markers.n_loose, len(self._markers.bodies)
         self._first_member = n_loose + n_ghosts
-        n_points = self._first_member + len(BODY_OFFSETS_M) * n_bodies
+        n_points = self._first_member + BODY_SIZE * n_bodies
         self._ids = np.zeros(n_points, dtype=np.uint32)
         self._next_id = FIRST_LOOSE_ID
         self._new_ids(np.arange(self._first_member))
-        members = np.arange(1, len(BODY_OFFSETS_M) + 1, dtype=np.uint32)
+        members = np.arange(1, BODY_SIZE + 1, dtype=np.uint32)
         for index, body in enumerate(self._markers.bodies):
             start = self._first_member + index * len(members)
             self._ids[start : start + len(members)] = (body.body_id << 16) | members
@@ -157,17 +190,3 @@ class Scene:
         place_in_list = np.full(len(self._ids), -1, dtype=np.int16)
         place_in_list[order] = np.arange(len(order), dtype=np.int16)
         return place_in_list[: self._markers.n_cable]
-
-    def _pose_bodies(
-        self, place: float, all_m: npt.NDArray[np.float64], noise: npt.NDArray[np.float64]
-    ) -> tuple[RigidBody, ...]:
-        """Return the bodies as the tracker fits them: the centre of gravity of the markers it measured."""
-        bodies, size = self._markers.bodies, len(BODY_OFFSETS_M)
-        if not bodies:
-            return ()
-        shape = (len(bodies), size, 3)
-        centres = (all_m + noise)[self._first_member :].reshape(shape).mean(axis=1).tolist()
-        errors = np.sqrt((noise[self._first_member :].reshape(shape) ** 2).sum(axis=2)).mean(axis=1).tolist()
-        quaternions = self._markers.quaternions_at(place).tolist()
-        rows = zip(bodies, centres, quaternions, errors, strict=True)
-        return tuple(RigidBody(b.body_id, (x, y, z), tuple(q), error) for b, (x, y, z), q, error in rows)

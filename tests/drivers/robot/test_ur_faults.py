@@ -329,7 +329,8 @@ def test_help_names_every_command(admin):
     names = {line.split()[0] for line in lines}
     links = {"stall", "burst", "skip", "fin", "rst", "half_open", "reboot", "hold_register", "release_register"}
     robot = {"protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
-    assert names == links | robot | {"pause", "resume", "tracker_stall"}
+    tracker = {f"tracker_{what}" for what in ("stall", "restart", "version", "body", "jump", "lose", "double")}
+    assert names == links | robot | {"pause", "resume"} | tracker
 
 
 @pytest.mark.parametrize(
