@@ -19,6 +19,7 @@ from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
 from bench.analysis.sources import CycleFollower, CycleSource, RobotSigns, count_cycles, make_cycle_source
+from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.starts import refine_starts
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
@@ -40,6 +41,7 @@ __all__ = [
     "FlangeSightings",
     "Gaps",
     "HandEye",
+    "MarkerPlaces",
     "MotionOffset",
     "PoseTrack",
     "RigidFit",
@@ -76,6 +78,7 @@ __all__ = [
     "make_gates",
     "map_by_phase",
     "match_body",
+    "measure_marker_places",
     "phase_from_register",
     "phase_from_time",
     "refine_starts",

@@ -66,10 +66,11 @@ class FlangeSightings:
     @property
     def is_known(self) -> Bools:
         """(n,): where it was tracked."""
-        known: Bools = np.isfinite(self.position_m).all(axis=1)
+        known = np.isfinite(self.position_m).all(axis=1)
         if self.quaternion_xyzw is not None:
-            known &= np.isfinite(self.quaternion_xyzw).all(axis=1) & (np.abs(self.quaternion_xyzw).sum(axis=1) > 0)
-        return np.asarray(known)
+            length = np.linalg.norm(self.quaternion_xyzw, axis=1)
+            known = known & np.isfinite(length) & (length > 0)
+        return np.asarray(known, dtype=bool)
 
 
 @dataclass(frozen=True, eq=False)

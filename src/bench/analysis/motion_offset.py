@@ -197,7 +197,8 @@ def _rotation(track: PoseTrack, sightings: FlangeSightings) -> _Speeds:
     grid = _grid(track)
     half = float(np.median(span_s)) / 2
     behind, ahead = (Rotation.from_matrix(track.at(grid + sign * half)[0]) for sign in (-1, 1))
-    return _Speeds(time_s, seen**2, grid, ((behind.inv() * ahead).magnitude() / (2 * half)) ** 2)
+    driven = np.asarray((behind.inv() * ahead).magnitude() / (2 * half), dtype=np.float64)
+    return _Speeds(time_s, seen**2, grid, driven**2)
 
 
 def _chords(track: PoseTrack, sightings: FlangeSightings) -> tuple[Ints, Ints, Floats, Floats]:

@@ -1,8 +1,15 @@
 """TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
 
-from bench.config.calibration import CalibrationConfig
+from bench.config.calibration import (
+    Calibration,
+    CalibrationConfig,
+    SpaceCalibration,
+    SpacingCalibration,
+    TimeCalibration,
+)
 from bench.config.load import (
     config_schema,
+    load_calibration,
     load_config,
     parse_config,
     simulated_config,
@@ -47,6 +54,7 @@ __all__ = [
     "AnchorConfig",
     "AnyRobotConfig",
     "CableConfig",
+    "Calibration",
     "CalibrationConfig",
     "Command",
     "Commands",
@@ -66,11 +74,15 @@ __all__ = [
     "RunConfig",
     "Signal",
     "SimulationConfig",
+    "SpaceCalibration",
+    "SpacingCalibration",
     "StateSignal",
+    "TimeCalibration",
     "TimeSignal",
     "TrackerConfig",
     "VectorSignal",
     "config_schema",
+    "load_calibration",
     "load_config",
     "parse_config",
     "simulated_config",

@@ -69,7 +69,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     config = config or run.config
     load_topics(run)
     source = make_cycle_source(config.robot.cycle) if config.robot else None
-    frames, robot = read_frames(run), read_robot(run, source)
+    frames, robot = read_frames(run, config.calibration.offset_s), read_robot(run, source)
     account = read_account(run)
     placed = place_frames(frames, robot, config.analysis, account, count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)

@@ -177,7 +177,7 @@ def _is_float_list(kind: Any) -> bool:
 
 def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
-    bend = find_tightest_bend(results)
+    bend, calibration = find_tightest_bend(results), results.config.calibration.measured
     row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
     summary: dict[str, Any] = _jsonable(
         {
@@ -197,6 +197,7 @@ def _summary(results: Results) -> dict[str, Any]:
             "max_curvature_arc_length_m": cycles.max_curvature_arc_length_m[row] if row >= 0 else math.nan,
             "max_curvature_cycle_index": cycles.cycle_index[row] if row >= 0 else None,
             "streams": [asdict(stream) for stream in results.streams],
+            "calibration": calibration.model_dump(mode="json") if calibration else None,
             "clocks": [asdict(clock) for clock in results.clocks],
             "attention": {str(index): reasons for index, reasons in results.attention.items()},
             "warnings": results.warnings,
