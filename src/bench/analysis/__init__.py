@@ -7,8 +7,10 @@ from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arriva
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
+from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
@@ -30,6 +32,8 @@ __all__ = [
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
     "BodyMatch",
+    "CableEnd",
+    "ClampDirection",
     "CounterColumns",
     "CurveEstimate",
     "CurveEstimator",
@@ -57,8 +61,10 @@ __all__ = [
     "align_by_echo",
     "centre_of_labeled",
     "count_cycles",
+    "estimate_clamp_direction",
     "estimate_motion_offset",
     "exclude_near",
+    "fill_from_end",
     "find_cycles",
     "find_gaps",
     "find_isolated_bends",
@@ -81,6 +87,7 @@ __all__ = [
     "measure_marker_places",
     "phase_from_register",
     "phase_from_time",
+    "place_end",
     "refine_starts",
     "sort_by_chain",
     "spread_frames",

@@ -142,8 +142,9 @@ def verify_told(covariance: Floats, why: str) -> None:
     """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold; `why` says what to do."""
     turn, shift = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (covariance[:3, :3], covariance[3:, 3:]))
     if not (turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M):
-        what = f"{np.rad2deg(turn):.2g} degrees" if not turn <= MOST_SIGMA_RAD else f"{shift * 1e3:.2g} mm"
-        raise AnalysisError(f"The transform cannot be told (standard deviation {what}): {why}.")
+        turned, shifted = min(np.rad2deg(turn), 180.0), min(shift * 1e3, 1000.0)
+        what = f"{turned:.2g} degrees" if not turn <= MOST_SIGMA_RAD else f"{shifted:.0f} mm"
+        raise AnalysisError(f"The transform cannot be told (standard deviation {what} or more): {why}.")
 
 
 def _kabsch(source: Floats, target: Floats, weight: Floats) -> RigidTransform:

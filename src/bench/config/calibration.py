@@ -8,7 +8,14 @@ from pydantic import Field
 
 from bench.config.section import Section
 
-__all__ = ["Calibration", "CalibrationConfig", "SpaceCalibration", "SpacingCalibration", "TimeCalibration"]
+__all__ = [
+    "Calibration",
+    "CalibrationConfig",
+    "ClampCalibration",
+    "SpaceCalibration",
+    "SpacingCalibration",
+    "TimeCalibration",
+]
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
 Six = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]
@@ -50,6 +57,13 @@ class SpacingCalibration(Section):
     sd_mm: Lengths = Field(description="Standard deviation of each.")
 
 
+class ClampCalibration(Section):
+    """Which way the clamp on the robot holds the cable."""
+
+    direction: Triple = Field(description="Unit vector from the clamp into the free cable, in the TCP frame.")
+    direction_sd_deg: float = Field(gt=0, description="Standard deviation of its angle.")
+
+
 class Calibration(Section):
     """A calibration file."""
 
@@ -61,6 +75,7 @@ class Calibration(Section):
     time: TimeCalibration
     space: SpaceCalibration
     spacing: SpacingCalibration | None = None
+    clamp: ClampCalibration | None = None
 
 
 class CalibrationConfig(Section):

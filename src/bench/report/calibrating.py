@@ -12,20 +12,23 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from bench.analysis import (
+    ClampDirection,
     FlangeSightings,
     HandEye,
     MarkerPlaces,
     MotionOffset,
     PoseTrack,
+    estimate_clamp_direction,
     estimate_motion_offset,
     fit_hand_eye,
     make_cycle_source,
     measure_marker_places,
 )
-from bench.config import Calibration, Config, SpaceCalibration, SpacingCalibration, TimeCalibration
+from bench.config import Calibration, ClampCalibration, Config, SpaceCalibration, SpacingCalibration, TimeCalibration
 from bench.errors import AnalysisError, ConfigError
 from bench.recording import Run
 from bench.report.cycles import place_frames
+from bench.report.ends import seconds_since
 from bench.report.facts import count_driven
 from bench.report.markers import TrackedBodies, find_chain_start
 from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_account, read_frames, read_robot
@@ -33,7 +36,8 @@ from bench.report.trace import trace_cable
 
 __all__ = ["CalibrationResults", "calibrate_run"]
 
-NS = 1_000_000_000
+N_BESIDE_CLAMP = 3
+
 Floats = npt.NDArray[np.float64]
 Triple = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
@@ -85,13 +89,18 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
             hint="Record a calibration run with `bench run`.",
         )
     origin_ns = int(robot.counter.host_ns[0])
-    track = PoseTrack(_seconds(robot.counter.host_ns, origin_ns), robot.tcp_pose)
+    track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
     sightings = _sight_flange(run, frames, flange_body, origin_ns)
     by_speed = _offset_by_speed(track, sightings)
     found = fit_hand_eye(track, sightings, by_speed.offset_s if by_speed else 0.0)
-    places, warnings = _measure_places(run, frames, robot, config)
+    warnings: list[str] = []
+    traced = _Traced.trace(run, frames, robot, config, warnings)
+    places = traced.measure_places(config, warnings) if traced else None
+    clamp = (
+        traced.find_clamp(config, found, track, seconds_since(frames.time_ns, origin_ns), warnings) if traced else None
+    )
     return CalibrationResults(
-        calibration=_describe(run, found, places),
+        calibration=_describe(run, found, places, clamp),
         hand_eye=found,
         motion_offset=by_speed,
         places=places,
@@ -111,7 +120,7 @@ def _sight_flange(run: Run, frames: TrackerFrames, name: str, origin_ns: int) ->
     bodies = TrackedBodies(run, frames)
     position, quaternion = bodies.poses(bodies.id_of(name))
     order = np.argsort(frames.time_ns, kind="stable")
-    return FlangeSightings(_seconds(frames.time_ns[order], origin_ns), position[order], quaternion[order])
+    return FlangeSightings(seconds_since(frames.time_ns[order], origin_ns), position[order], quaternion[order])
 
 
 def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffset | None:
@@ -122,21 +131,57 @@ def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffs
         return None
 
 
-def _measure_places(
-    run: Run, frames: TrackerFrames, robot: RobotSamples, config: Config
-) -> tuple[MarkerPlaces | None, list[str]]:
-    try:
-        placed = place_frames(frames, robot, config.analysis, read_account(run), count_driven(run, config))
-        start = find_chain_start(run, frames, config, placed.table)
+@dataclass(frozen=True, eq=False)
+class _Traced:
+    """The cable's markers in each of F frames, as far as they are sorted without doubt."""
+
+    position_m: npt.NDArray[np.float32]
+    usable: npt.NDArray[np.bool_]
+    anchor_m: Floats | None
+
+    @classmethod
+    def trace(
+        cls, run: Run, frames: TrackerFrames, robot: RobotSamples, config: Config, warnings: list[str]
+    ) -> _Traced | None:
+        """Sort the markers; None, with a warning, where that cannot be done: space and time need no cable."""
+        try:
+            placed = place_frames(frames, robot, config.analysis, read_account(run), count_driven(run, config))
+            start = find_chain_start(run, frames, config, placed.table)
+        except AnalysisError as error:
+            warnings.append(f"The cable's markers were not looked at: {error}")
+            return None
+        warnings += start.warnings
         traced = trace_cable(frames, start, config)
-        first_m = float(config.cable.arc_length_m[0])
-        usable = traced.complete & traced.trusted
-        return measure_marker_places(traced.markers.position_m, usable, start.anchor_m, first_m), start.warnings
-    except AnalysisError as error:
-        return None, [f"The markers' places were not measured: {error}"]
+        return cls(traced.markers.position_m, traced.complete & traced.trusted, start.anchor_m)
+
+    def measure_places(self, config: Config, warnings: list[str]) -> MarkerPlaces | None:
+        try:
+            first_m = float(config.cable.arc_length_m[0])
+            return measure_marker_places(self.position_m, self.usable, self.anchor_m, first_m)
+        except AnalysisError as error:
+            warnings.append(f"The markers' places were not measured: {error}")
+            return None
+
+    def find_clamp(
+        self, config: Config, found: HandEye, track: PoseTrack, time_s: Floats, warnings: list[str]
+    ) -> ClampDirection | None:
+        """Return the direction of the clamp at the TCP, if that is where the cable ends."""
+        end = config.cable.end
+        if end is None or end.kind != "tcp" or self.position_m.shape[1] < N_BESIDE_CLAMP:
+            return None
+        rows = self.usable & track.covers(time_s + found.offset_s)
+        turn, place = track.at(time_s[rows] + found.offset_s)
+        lab, beside = found.lab_from_base, self.position_m[rows, : -N_BESIDE_CLAMP - 1 : -1].astype(np.float64)
+        in_base = (beside - lab.shift_m) @ lab.rotation
+        in_tcp = (in_base - place[:, None]) @ turn
+        try:
+            return estimate_clamp_direction(in_tcp - np.array(end.clamp_m))
+        except AnalysisError as error:
+            warnings.append(str(error))
+            return None
 
 
-def _describe(run: Run, found: HandEye, places: MarkerPlaces | None) -> Calibration:
+def _describe(run: Run, found: HandEye, places: MarkerPlaces | None, clamp: ClampDirection | None) -> Calibration:
     return Calibration(
         run_file=PurePath(run.path).name,
         run_id=run.run_id,
@@ -145,6 +190,7 @@ def _describe(run: Run, found: HandEye, places: MarkerPlaces | None) -> Calibrat
         time=TimeCalibration(offset_ms=found.offset_s * 1e3, offset_sd_ms=float(found.sigma[12]) * 1e3),
         space=_describe_space(found),
         spacing=_describe_places(places) if places else None,
+        clamp=_describe_clamp(clamp) if clamp else None,
     )
 
 
@@ -153,6 +199,10 @@ def _describe_places(places: MarkerPlaces) -> SpacingCalibration:
         marker_arc_length_m=tuple(np.round(places.arc_length_m, 6).tolist()),
         sd_mm=tuple(np.round(places.sigma_m * 1e3, 4).tolist()),
     )
+
+
+def _describe_clamp(clamp: ClampDirection) -> ClampCalibration:
+    return ClampCalibration(direction=_triple(clamp.direction), direction_sd_deg=float(np.rad2deg(clamp.sigma_rad)))
 
 
 def _describe_space(found: HandEye) -> SpaceCalibration:
@@ -172,10 +222,6 @@ def _describe_space(found: HandEye) -> SpaceCalibration:
         n_frames=int(np.isfinite(found.residual_m).sum()),
         n_outliers=int(np.isfinite(found.residual_m).sum() - found.used.sum()),
     )
-
-
-def _seconds(time_ns: npt.NDArray[np.int64], origin_ns: int) -> Floats:
-    return np.asarray((time_ns - origin_ns) * 1e-9, dtype=np.float64)
 
 
 def _triple(values: Floats) -> Triple:

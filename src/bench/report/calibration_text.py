@@ -21,6 +21,10 @@ CLEAR_M = 0.001
 def describe_calibration(found: CalibrationResults) -> list[str]:
     """Return the lines of the table: transforms, residuals, time offset, markers' places."""
     lines = [*_describe_space(found), *_describe_time(found)]
+    if found.calibration.clamp is not None:
+        clamp = found.calibration.clamp
+        way = ", ".join(f"{value:.4f}" for value in clamp.direction)
+        lines.append(_row("clamp's direction", f"({way}) in the TCP frame, sd {clamp.direction_sd_deg:.2f} degrees"))
     if found.places is not None:
         lines += _describe_places(found.places, found.configured_m)
     return [*lines, *(f"warning: {text}" for text in found.warnings)]

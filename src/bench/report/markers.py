@@ -22,7 +22,7 @@ from bench.analysis import (
     match_body,
     spread_frames,
 )
-from bench.config import AnchorConfig, CableConfig, Config
+from bench.config import CableConfig, Config, EndConfig
 from bench.errors import AnalysisError
 from bench.model import UNLABELED
 from bench.recording import Run
@@ -49,6 +49,8 @@ class ChainStart:
     """(N,): points that may be the cable's."""
     anchor_m: Floats | None = None
     """(F, 3): where the chain starts, NaN where unknown; None for a cable without anchor."""
+    bodies: TrackedBodies | None = None
+    """None without a single point."""
     warnings: list[str] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
 
@@ -73,7 +75,7 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
         start.warnings.append("The tracker saw no markers: check the cameras' exposure and the markers' reflection.")
         start.anchor_m = np.full((len(frames), 3), np.nan)
         return start
-    bodies = TrackedBodies(run, frames)
+    start.bodies = bodies = TrackedBodies(run, frames)
     start.usable &= ~bodies.is_body
     anchor, end = config.cable.anchor, config.cable.end
     if end is not None:
@@ -174,7 +176,7 @@ def _body_anchor(start: ChainStart, bodies: TrackedBodies, name: str) -> Floats:
 
 
 def _exclude_end(
-    start: ChainStart, frames: TrackerFrames, end: AnchorConfig, bodies: TrackedBodies, table: CycleTable
+    start: ChainStart, frames: TrackerFrames, end: EndConfig, bodies: TrackedBodies, table: CycleTable
 ) -> None:
     """Take out the markers of the cable's other end; those of rigid bodies are out already."""
     if end.kind == "rigid_body":
