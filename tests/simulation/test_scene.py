@@ -2,64 +2,22 @@ from itertools import combinations
 
 import numpy as np
 import pytest
+from scene_watch import ARC_LENGTH, MS, PATH, START, Watch, make_config, make_default_cable
 from scipy.spatial.transform import Rotation
 
-from bench.config import Config, RobotConfig
+from bench.config import RobotConfig
 from bench.errors import ConfigError
 from bench.simulation.cable import Cable
-from bench.simulation.ghosts import Ghosts
 from bench.simulation.kinematics import flange_transforms
 from bench.simulation.layout import Layout
 from bench.simulation.path import JointPath
 from bench.simulation.program import PathProgram
 from bench.simulation.scene import Scene, make_cable, make_path
 
-MS = 1_000_000
-START = 1_700_000_000_000_000_000
-PATH = JointPath()
-ARC_LENGTH = [0.06, 0.18, 0.3, 0.42, 0.54, 0.66, 0.78, 0.9, 1.02, 1.14]
-
-
-def make_config(anchor=None, end=None, arc_length=ARC_LENGTH, flange_body="", **simulation):
-    cable = {
-        "length_m": 1.2,
-        "diameter_mm": 8.0,
-        "marker_arc_length_m": arc_length,
-        "minimum_bend_radius_mm": 60.0,
-        "anchor": anchor or {"kind": "static_marker"},
-    }
-    if end is not None:
-        cable["end"] = end
-    calibration = {"flange_body": flange_body}
-    return Config.model_validate({"cable": cable, "simulation": simulation, "calibration": calibration})
-
 
 @pytest.fixture(scope="module")
 def cable():
-    return make_cable(make_config(), PATH)
-
-
-class Watch:
-    """A scene whose robot moves, and the truth it hands over."""
-
-    def __init__(self, config, cable, path=PATH):
-        self.program = PathProgram(cycle_s=1.0, path=path)
-        self.program.play()
-        self.truth = []
-        self.scene = Scene(config, self.program, cable=cable, truth=lambda *row: self.truth.append(row))
-        self.cable = self.scene.cable
-        self.now = START
-
-    def expose(self, n_frames):
-        seen = []
-        for _ in range(n_frames):
-            self.now += 10 * MS
-            self.program.tick(self.now, 100)
-            seen.append(self.scene.expose(1000 + len(self.truth), self.now + 3 * MS))
-        return seen
-
-    def place(self, index=-1):
-        return self.truth[index][2].place
+    return make_default_cable()
 
 
 def test_the_markers_are_on_the_cable_and_the_static_one_on_the_pole(cable):
@@ -257,74 +215,6 @@ def test_noise_has_the_configured_standard_deviation(cable):
     seen = zip(watch.expose(200), watch.truth, strict=True)
     errors = [e.points_m[row[3]] - table.at(row[2].place) for e, row in seen]
     np.testing.assert_allclose(np.std(errors, axis=(0, 1)), 3e-4, rtol=0.05)
-
-
-def test_markers_are_missed_as_often_as_configured(cable):
-    watch = Watch(make_config(miss_probability=0.2, anchor={"kind": "none"}), cable)
-    watch.expose(500)
-    hidden = np.mean([row[3] < 0 for row in watch.truth])
-    assert hidden == pytest.approx(0.2, abs=0.02)
-
-
-def test_the_static_marker_is_missed_too(cable):
-    watch = Watch(make_config(miss_probability=0.5, arc_length=[0.1, 0.2]), cable)
-    counts = {len(e.points_m) - int((row[3] >= 0).sum()) for e, row in zip(watch.expose(50), watch.truth, strict=True)}
-    assert counts == {0, 1}
-
-
-def test_a_frame_may_be_empty(cable):
-    exposure = Watch(make_config(miss_probability=1.0), cable).expose(1)[0]
-    assert exposure.points_m.shape == (0, 3)
-    assert exposure.ids.shape == (0,)
-
-
-def test_a_marker_keeps_its_number_while_it_is_seen_and_gets_a_new_one_after_a_gap(cable):
-    watch = Watch(make_config(miss_probability=0.3), cable)
-    exposures = watch.expose(100)
-    before = {}
-    ever = set()
-    for exposure, (_, _, _, source) in zip(exposures, watch.truth, strict=True):
-        now = {i: int(exposure.ids[s]) for i, s in enumerate(source) if s >= 0}
-        for marker, number in now.items():
-            if marker in before:
-                assert number == before[marker]
-            else:
-                assert number not in ever
-        ever |= set(now.values())
-        before = now
-
-
-def test_the_order_within_a_frame_changes_from_frame_to_frame(cable):
-    watch = Watch(make_config(), cable)
-    watch.expose(20)
-    assert len({tuple(row[3].tolist()) for row in watch.truth}) > 15
-
-
-def test_the_number_of_ghosts_is_constant(cable):
-    counts = {len(e.points_m) for e in Watch(make_config(ghost_count=4), cable).expose(60)}
-    assert counts == {15}
-
-
-def test_ghosts_stand_still_for_four_frames_and_some_for_longer():
-    rng = np.random.default_rng(8)
-    ghosts = Ghosts(50, rng)
-    ages, lives = np.zeros(50, dtype=int), []
-    for _ in range(200):
-        born = ghosts.step(np.zeros((3, 3)))
-        lives.extend(ages[born][ages[born] > 0].tolist())
-        ages[born] = 0
-        ages += 1
-    assert np.median(lives) == 4
-    assert np.mean(np.array(lives) > 10) == pytest.approx(0.25, abs=0.03)
-
-
-def test_half_of_the_ghosts_are_born_near_the_cable_and_none_beyond_2_m():
-    ghosts = Ghosts(4000, np.random.default_rng(9))
-    cable_m = np.array([[0.0, 1.0, 0.0], [0.1, 1.0, 0.0]])
-    ghosts.step(cable_m)
-    distance = np.linalg.norm(ghosts.positions_m - cable_m.mean(axis=0), axis=1)
-    assert distance.max() < 2.0
-    assert np.mean(distance < 0.3) == pytest.approx(0.5, abs=0.03)
 
 
 def test_the_truth_gives_frame_time_and_motion_of_each_exposure(cable):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.config.section import Section
 
@@ -34,7 +34,30 @@ class SimulationConfig(Section):
         "of each. Constant, as glue holds it.",
     )
     miss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each marker to be hidden in a frame.")
+    burst_probability: float = Field(
+        0.0, ge=0, le=1, description="Chance of each marker in a frame to be hidden from then on for 5 to 50 frames."
+    )
+    camera_count: int = Field(
+        0,
+        ge=0,
+        le=64,
+        description="Cameras, behind the robot. Its arm hides what fewer than 2 of them see past it; 0: nothing.",
+    )
     ghost_count: int = Field(0, ge=0, le=50, description="Ghost markers in each frame.")
+    ghost_near_share: float = Field(
+        0.5,
+        ge=0,
+        le=1,
+        description="Share of them that is born within 0.25 m of the cable; 0.05 in real recordings. The others are "
+        "2 m away at the median.",
+    )
+    reflection_count: int = Field(0, ge=0, le=50, description="Shiny spots that are seen all the time, as a marker is.")
+    reflection_jitter_mm: float = Field(
+        0.0, ge=0, le=50, description="How much more than a marker they jitter; 1.6-4.9 mm in real recordings."
+    )
+    order: Literal["ids", "shuffle"] = Field(
+        "ids", description="Order in a frame. 'ids': as Motive has it, labeled first, both by ascending number."
+    )
     robot_clock_ppm: float = Field(
         25.0, ge=-500, le=500, description="How much faster than host time the robot's clock runs."
     )
@@ -89,3 +112,9 @@ class SimulationConfig(Section):
     admin_port: int = Field(
         0, ge=0, le=65535, description="Port on the robot's address that takes commands for faults; 0: none."
     )
+
+    @model_validator(mode="after")
+    def _sees(self) -> SimulationConfig:
+        if self.camera_count == 1:
+            raise ValueError("camera_count = 1 sees nothing: two lines of sight are needed for a point in space")
+        return self

@@ -51,6 +51,10 @@ class Body:
     mount_xyzw: Quaternion = (0.0, 0.0, 0.0, 1.0)
     """Of a body on the flange: its pose in the tool's frame."""
 
+    def facts(self) -> dict[str, object]:
+        """Return its name and its pose in the tool's frame, as JSON has it."""
+        return {"name": self.name, "shift_m": list(self.mount_m), "quaternion_xyzw": list(self.mount_xyzw)}
+
     def marker_positions(self) -> Floats:
         """Return (n, BODY_SIZE, 3): where its markers are in the lab frame."""
         turns = Rotation.from_quat(self.quaternions).as_matrix()

@@ -65,6 +65,11 @@ class Layout:
         return x - SPAN_RATIO * self.length_m, y + POLE_RISE_RATIO * self.length_m
 
     @property
+    def middle_m(self) -> Floats:
+        """(3,): half-way between pole and the middle of the path, lab frame."""
+        return self.plane_to_lab((np.array(self.pole_in_plane_m) + FLANGE_CENTRE_M) / 2.0)
+
+    @property
     def swing(self) -> Swing:
         """How the path swings about the pole in a calibration."""
         x, y, _ = _plane_to_base(np.array(self.pole_in_plane_m)).tolist()
@@ -82,6 +87,11 @@ class Layout:
     def up(self) -> Floats:
         """(3,): upwards in the lab frame."""
         return np.asarray(self.lab_rotation[:, 2])
+
+    @property
+    def ahead(self) -> Floats:
+        """(3,): horizontal in the lab frame, from the pole to the robot."""
+        return np.asarray(self.lab_rotation @ np.array([np.cos(BASE_JOINT_RAD), np.sin(BASE_JOINT_RAD), 0.0]))
 
     @property
     def lab_shift_m(self) -> Floats:

@@ -44,7 +44,8 @@ class Markers:
             )
         self.bodies = make_bodies(config, cable)
         self._mount(config)
-        self._table = PlaceTable(self._positions(cable))
+        self.table = PlaceTable(self._positions(cable))
+        """(n_markers, 3): lab frame positions of all of them."""
         self._body_table = BodyTable(self.bodies, cable.n_places)
 
     def _mount(self, config: Config) -> None:
@@ -62,14 +63,6 @@ class Markers:
     def n_loose(self) -> int:
         """Markers that belong to no rigid body."""
         return self.n_cable + self.has_static
-
-    @property
-    def n_markers(self) -> int:
-        return self.n_loose + BODY_SIZE * len(self.bodies)
-
-    def positions_at(self, place: float) -> Floats:
-        """Return (n_markers, 3) lab frame positions at one place of the path."""
-        return self._table.at(place)
 
     def measure_bodies(self, place: float, noise_m: Floats) -> tuple[RigidBody, ...]:
         """Return the bodies as the tracker fits them to their markers, which it measures with `noise_m`."""
