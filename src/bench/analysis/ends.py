@@ -8,12 +8,14 @@ import numpy as np
 
 from bench.analysis.arrays import Floats
 from bench.analysis.correlation import correlation_length
-from bench.analysis.rigid import RigidTransform, invert_information, lever
+from bench.analysis.rigid import RigidTransform, lever
 from bench.errors import AnalysisError
 
 __all__ = ["CableEnd", "ClampDirection", "estimate_clamp_direction", "place_end"]
 
 FEWEST_FRAMES = 20
+FRAMES_APART = 3
+"""Frames whose noise is another while the cable is bent alike: 30 ms at 100 Hz."""
 MOST_SIGMA_RAD = float(np.deg2rad(10.0))
 """A direction known no better says less than the clamp's drawing does."""
 
@@ -54,7 +56,7 @@ def estimate_clamp_direction(markers_m: Floats) -> ClampDirection:
     ----------
     markers_m : (F, 3, 3)
         The three markers nearest to the clamp, nearest first, in the clamp's frame with the clamp at its origin; NaN
-        where unknown.
+        where unknown. In order of time.
 
     Raises
     ------
@@ -72,11 +74,15 @@ def estimate_clamp_direction(markers_m: Floats) -> ClampDirection:
     length = np.linalg.norm(step, axis=2, keepdims=True)
     way = step / length
     bends = 2 * np.diff(way, axis=1) / (length[:, 1:] + length[:, :-1])
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), (len(way), 3, 3)), np.swapaxes(bends, 1, 2)], axis=2)
-    flat = matrix.reshape(-1, 5)
-    found = np.linalg.lstsq(flat, way[:, 0].ravel(), rcond=None)[0]
+    held = np.broadcast_to(np.eye(3), (len(way), 3, 3))
+    matrix = np.concatenate([held, np.swapaxes(bends, 1, 2)], axis=2)
+    # The bends are as noisy as what they explain, by the same noise. Those of other frames close by have another one.
+    told = np.concatenate([held, np.swapaxes(np.roll(bends, FRAMES_APART, axis=0), 1, 2)], axis=2)
+    flat, instruments = matrix.reshape(-1, 5), told.reshape(-1, 5)
+    back = np.linalg.pinv(instruments.T @ flat, rcond=1e-9)
+    found = back @ (instruments.T @ way[:, 0].ravel())
     left = way[:, 0] - matrix @ found
-    covariance = invert_information(flat.T @ flat)[:3, :3] * left.var() * correlation_length(left)
+    covariance = (back @ (instruments.T @ instruments) @ back.T)[:3, :3] * left.var() * correlation_length(left)
     sigma_rad = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
     if not sigma_rad <= MOST_SIGMA_RAD:
         raise AnalysisError(
