@@ -32,7 +32,7 @@ MOST_FRAMES = 2_000
 START_ROUNDS = 60
 """Of the alternation that starts the fit to a single marker: it halves its error in one to three rounds."""
 REJECT_ROUNDS = 4
-MOST_STEPS = 50
+MOST_STEPS = 20
 DAMPING = 1e-6
 NO_GAIN = 1e-9
 HUBER = 2.0
