@@ -42,8 +42,8 @@ MOST_SIGMA_S = 0.002
 """At 1 m/s that is 2 mm."""
 SMALLEST = 1e-12
 MORE_AXES = (
-    "drive a calibration program that moves the flange by some 100 mm in three directions and turns it by 30 degrees "
-    "or more about three axes"
+    "Drive a calibration program that moves the flange by some 100 mm in three directions and turns it by 30 degrees "
+    "or more about three axes."
 )
 
 
@@ -255,7 +255,7 @@ def _choose_rows(track: PoseTrack, sightings: FlangeSightings, offset_s: float) 
     if travel < LEAST_TRAVEL_M:
         raise AnalysisError(
             f"The flange moved by {travel * 1e3:.1f} mm; at least {LEAST_TRAVEL_M * 1e3:.0f} mm are needed.",
-            hint=f"{MORE_AXES[:1].upper()}{MORE_AXES[1:]}.",
+            hint=MORE_AXES,
         )
     rows = np.zeros(len(chosen), dtype=bool)
     rows[index[:: -(-len(index) // MOST_FRAMES)]] = True
@@ -316,7 +316,7 @@ def _verify_offset(sigma_s: float) -> None:
     if not sigma_s <= MOST_SIGMA_S:
         raise AnalysisError(
             f"The time offset cannot be told (standard deviation {sigma_s * 1e3:.2g} ms): the flange hardly moves.",
-            hint=f"{MORE_AXES[:1].upper()}{MORE_AXES[1:]}.",
+            hint=MORE_AXES,
         )
 
 
@@ -328,7 +328,7 @@ def _describe(problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows
     freedom = len(slopes) / max(len(slopes) - len(problem.free), 1)
     covariance = np.full((13, 13), np.nan)
     covariance[np.ix_(problem.free, problem.free)] = invert_information(slopes.T @ slopes) * correlation * freedom
-    verify_told(covariance[:6, :6], MORE_AXES)
+    verify_told(covariance[:6, :6], "The robot's place in the lab frame", MORE_AXES)
     _verify_offset(float(np.sqrt(covariance[12, 12])))
     length, angle = np.full(n_rows, np.nan), np.full(n_rows, np.nan)
     length[rows] = np.linalg.norm(misfit[:, :3], axis=1)

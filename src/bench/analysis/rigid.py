@@ -116,7 +116,8 @@ def fit_rigid(source_m: Floats, target_m: Floats, weight: Floats | None = None) 
     source, target = np.nan_to_num(source_m), np.nan_to_num(target_m)
     transform, used = align_points(source, target, given)
     covariance = _covariance(transform, source, target, np.where(used, given, 0.0))
-    verify_told(covariance, "the points lie on one line or too close together: use points spread in three directions")
+    what = "The transform between the points"
+    verify_told(covariance, what, "They lie on one line or too close together: use points spread in three directions.")
     residual = np.where(known, np.linalg.norm(transform.apply(source) - target, axis=1), np.nan)
     return RigidFit(transform, covariance, residual, used)
 
@@ -138,13 +139,16 @@ def estimate_sigma(distance_m: Floats) -> float:
     return max(float(np.median(distance_m)) / MEDIAN_OF_CHI3, SMALLEST_SIGMA_M)
 
 
-def verify_told(covariance: Floats, why: str) -> None:
-    """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold; `why` says what to do."""
+def verify_told(covariance: Floats, what: str, hint: str) -> None:
+    """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold: `what` cannot be told."""
     turn, shift = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (covariance[:3, :3], covariance[3:, 3:]))
-    if not (turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M):
-        turned, shifted = min(np.rad2deg(turn), 180.0), min(shift * 1e3, 1000.0)
-        what = f"{turned:.2g} degrees" if not turn <= MOST_SIGMA_RAD else f"{shifted:.0f} mm"
-        raise AnalysisError(f"The transform cannot be told (standard deviation {what} or more): {why}.")
+    if turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M:
+        return
+    if shift <= MOST_SIGMA_M:
+        sigma, limit = f"{min(np.rad2deg(turn), 180.0):.2g}", f"{np.rad2deg(MOST_SIGMA_RAD):g} degree"
+    else:
+        sigma, limit = f"{shift * 1e3:.3g}" if shift < 1.0 else "over 1000", f"{MOST_SIGMA_M * 1e3:g} mm"
+    raise AnalysisError(f"{what} cannot be told (standard deviation {sigma}, at most {limit}).", hint=hint)
 
 
 def _kabsch(source: Floats, target: Floats, weight: Floats) -> RigidTransform:
