@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.analysis.arrays import Bools, Floats
+from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.correlation import correlation_length
 from bench.analysis.rigid import (
     REJECT_SIGMAS,
@@ -30,7 +30,9 @@ LEAST_TRAVEL_M = 0.02
 MOST_FRAMES = 2_000
 """More are thinned out evenly: 0.2 mm of noise is 5 micrometres in the mean of 2 000."""
 START_ROUNDS = 60
-"""Of the alternation that starts the fit to a single marker: it halves its error in one to three rounds."""
+"""Most rounds of the alternation that starts the fit to a single marker: it halves its error in one to three."""
+NEAR_M = 0.002
+"""A step of it that is near enough for the fit."""
 REJECT_ROUNDS = 4
 MOST_STEPS = 20
 DAMPING = 1e-6
@@ -58,8 +60,8 @@ class FlangeSightings:
     quaternion_xyzw: Floats | None = None
     """(n, 4): the body's orientation; None for a single marker."""
 
-    def take(self, rows: Bools) -> FlangeSightings:
-        """Return some of the sightings."""
+    def take(self, rows: Bools | Ints) -> FlangeSightings:
+        """Return some of the sightings, or all in another order."""
         quaternion = None if self.quaternion_xyzw is None else self.quaternion_xyzw[rows]
         return FlangeSightings(self.time_s[rows], self.position_m[rows], quaternion)
 
@@ -307,7 +309,9 @@ def _start_with_marker(problem: _Problem, offset_s: float) -> _State:
     point = np.zeros(3)
     for _ in range(START_ROUNDS):
         lab, _ = align_points(place + turn @ point, problem.seen.position_m, np.ones(len(place)))
-        _, point = _linear_shifts(lab.rotation, turn, place, problem.seen.position_m)
+        before, (_, point) = point, _linear_shifts(lab.rotation, turn, place, problem.seen.position_m)
+        if np.linalg.norm(point - before) < NEAR_M:
+            break
     return _State(lab, RigidTransform(np.eye(3), point), offset_s)
 
 

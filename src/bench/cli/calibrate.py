@@ -42,7 +42,7 @@ def calibrate(
 
     recorded = open_run(run)
     settings = load_config(config) if config else recorded.config
-    found = calibrate_run(recorded, settings, flange_body or settings.calibration.flange_body)
+    found = calibrate_run(recorded, settings, flange_body)
     for line in describe_calibration(found):
         print(line)
     _write(found, output, force)

@@ -20,17 +20,27 @@ from bench.analysis import (
     PoseTrack,
     estimate_clamp_direction,
     estimate_motion_offset,
+    exclude_near,
     fit_hand_eye,
+    follow_marker,
     make_cycle_source,
     measure_marker_places,
 )
-from bench.config import Calibration, ClampCalibration, Config, SpaceCalibration, SpacingCalibration, TimeCalibration
+from bench.config import (
+    Calibration,
+    CalibrationConfig,
+    ClampCalibration,
+    Config,
+    SpaceCalibration,
+    SpacingCalibration,
+    TimeCalibration,
+)
 from bench.errors import AnalysisError, ConfigError
 from bench.recording import Run
 from bench.report.cycles import place_frames
-from bench.report.ends import seconds_since
 from bench.report.facts import count_driven
 from bench.report.markers import TrackedBodies, find_chain_start
+from bench.report.robot_in_lab import seconds_since
 from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_account, read_frames, read_robot
 from bench.report.trace import trace_cable
 
@@ -63,7 +73,7 @@ class CalibrationResults:
     warnings: list[str]
 
 
-def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResults:
+def calibrate_run(run: Run, config: Config, flange_body: str = "") -> CalibrationResults:
     """Calibrate space, time and the markers' places from a recording.
 
     Parameters
@@ -73,10 +83,12 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
     config : Config
         Of the cable and the robot; a calibration in it is not used.
     flange_body : str
-        The rigid body's name in the tracker's software.
+        The rigid body's name in the tracker's software; left out: the body or marker that the configuration names.
 
     Raises
     ------
+    ConfigError
+        Nothing on the flange is named.
     AnalysisError
         The body is not in the recording, or the motion does not tell what is wanted.
     """
@@ -90,11 +102,12 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
         )
     origin_ns = int(robot.counter.host_ns[0])
     track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
-    sightings = _sight_flange(run, frames, flange_body, origin_ns)
-    by_speed = _offset_by_speed(track, sightings)
-    found = fit_hand_eye(track, sightings, by_speed.offset_s if by_speed else 0.0)
+    sightings = _sight_flange(run, frames, config.calibration, flange_body, origin_ns)
+    order = np.argsort(sightings.time_s, kind="stable")
+    by_speed = _offset_by_speed(track, sightings.take(order))
+    found = fit_hand_eye(track, sightings.take(order), by_speed.offset_s if by_speed else 0.0)
     warnings: list[str] = []
-    traced = _Traced.trace(run, frames, robot, config, warnings)
+    traced = _Traced.trace(run, frames, robot, config, sightings, warnings)
     places = traced.measure_places(config, warnings) if traced else None
     clamp = (
         traced.find_clamp(config, found, track, seconds_since(frames.time_ns, origin_ns), warnings) if traced else None
@@ -111,16 +124,20 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
     )
 
 
-def _sight_flange(run: Run, frames: TrackerFrames, name: str, origin_ns: int) -> FlangeSightings:
-    if not name:
-        raise ConfigError(
-            "No rigid body on the flange is named.",
-            hint="Write its name as [calibration] flange_body, or give it with --flange-body.",
-        )
-    bodies = TrackedBodies(run, frames)
-    position, quaternion = bodies.poses(bodies.id_of(name))
-    order = np.argsort(frames.time_ns, kind="stable")
-    return FlangeSightings(seconds_since(frames.time_ns[order], origin_ns), position[order], quaternion[order])
+def _sight_flange(
+    run: Run, frames: TrackerFrames, named: CalibrationConfig, flange_body: str, origin_ns: int
+) -> FlangeSightings:
+    name, time_s = flange_body or named.flange_body, seconds_since(frames.time_ns, origin_ns)
+    if name:
+        bodies = TrackedBodies(run, frames)
+        return FlangeSightings(time_s, *bodies.poses(bodies.id_of(name)))
+    if named.flange_marker_m is not None:
+        start_m = np.array(named.flange_marker_m)
+        return FlangeSightings(time_s, follow_marker(frames.points_m, frames.offsets, time_s, start_m))
+    raise ConfigError(
+        "Nothing on the flange is named.",
+        hint="Name its rigid body as [calibration] flange_body or with --flange-body, or give flange_marker_m.",
+    )
 
 
 def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffset | None:
@@ -141,7 +158,13 @@ class _Traced:
 
     @classmethod
     def trace(
-        cls, run: Run, frames: TrackerFrames, robot: RobotSamples, config: Config, warnings: list[str]
+        cls,
+        run: Run,
+        frames: TrackerFrames,
+        robot: RobotSamples,
+        config: Config,
+        flange: FlangeSightings,
+        warnings: list[str],
     ) -> _Traced | None:
         """Sort the markers; None, with a warning, where that cannot be done: space and time need no cable."""
         try:
@@ -151,6 +174,8 @@ class _Traced:
             warnings.append(f"The cable's markers were not looked at: {error}")
             return None
         warnings += start.warnings
+        if flange.quaternion_xyzw is None:
+            start.usable = exclude_near(frames.points_m, frames.offsets, start.usable, flange.position_m)
         traced = trace_cable(frames, start, config)
         return cls(traced.markers.position_m, traced.complete & traced.trusted, start.anchor_m)
 

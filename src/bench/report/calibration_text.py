@@ -45,7 +45,7 @@ def _describe_space(found: CalibrationResults) -> list[str]:
         _row("residual", f"{space.residual_rms_mm:.3f} mm rms, {space.residual_max_mm:.3f} mm largest"),
         _row("base in lab frame", _shift(space.lab_from_base_shift_m, sigma[3:6])),
         _row("", _turn(space.lab_from_base_rotation_rad, sigma[:3])),
-        _row("body in TCP frame", _shift(space.tcp_from_body_shift_m, sigma[9:12])),
+        _row(f"{space.method.removeprefix('rigid ')} in TCP frame", _shift(space.tcp_from_body_shift_m, sigma[9:12])),
     ]
     if space.tcp_from_body_rotation_rad is not None:
         lines.append(_row("", _turn(space.tcp_from_body_rotation_rad, sigma[6:9])))
