@@ -132,6 +132,12 @@ def test_an_end_at_the_tcp_without_a_calibration_is_said_not_to_be_used(tmp_path
     assert any("kind = 'tcp' is not used" in text for text in results.warnings)
 
 
+def test_a_robot_that_tells_no_pose_leaves_the_calibrated_end_unused(tmp_path: Path) -> None:
+    results, _ = analyse(tmp_path, RunSpec(extra_toml='[cable.end]\nkind = "tcp"\n' + CALIBRATED))
+    assert results.ends is None
+    assert any("needs a robot that tells its TCP pose" in text for text in results.warnings)
+
+
 def test_the_marker_on_the_flange_is_not_taken_for_the_cables(tmp_path: Path) -> None:
     def beside_cable(seconds: float) -> np.ndarray:
         return on_cable(seconds, ARC_LENGTH_M[2]) + np.array([0.0, 0.0, SPACING_M])

@@ -60,8 +60,8 @@ def find_cable_ends(start: ChainStart, robot: RobotInLab | None, config: Config)
         ends.end = robot.place(end.clamp_m, _configured(end) or _calibrated(config.calibration.measured))
     elif end.kind == "tcp":
         ends.warnings.append(
-            "[cable.end] kind = 'tcp' is not used: it needs a robot and a calibration ([calibration] file, made by "
-            "`bench calibrate`)."
+            "[cable.end] kind = 'tcp' is not used: it needs a robot that tells its TCP pose, and a calibration "
+            "([calibration] file, made by `bench calibrate`)."
         )
     elif end.kind == "rigid_body":
         ends.end = _place_held(end, start.bodies.centre(start.bodies.id_of(end.name)), start.bodies)

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.analysis import CableEnd, ClampDirection, PoseTrack, RigidTransform, exclude_near, place_end
 from bench.config import Calibration, SpaceCalibration
+from bench.errors import AnalysisError
 from bench.report.markers import ChainStart
 from bench.report.source import RobotSamples, TrackerFrames
 
@@ -43,11 +44,14 @@ def seconds_since(time_ns: npt.NDArray[np.int64], origin_ns: int) -> Floats:
 
 
 def find_robot(frames: TrackerFrames, robot: RobotSamples | None, calibration: Calibration | None) -> RobotInLab | None:
-    """Return where the robot is in each frame; None without a robot or a calibration."""
+    """Return where the robot is in each frame; None without a calibration, or a robot that tells its TCP pose."""
     if robot is None or calibration is None:
         return None
     origin_ns = int(robot.counter.host_ns[0])
-    track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
+    try:
+        track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
+    except AnalysisError:
+        return None
     time_s = seconds_since(frames.time_ns, origin_ns)
     turn, place_m = track.at(time_s)
     place_m[~track.covers(time_s)] = np.nan
