@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import MarkerPlaces
+from bench.config import SpacingCalibration
 from bench.report.calibrating import CalibrationResults
 
 __all__ = ["describe_calibration"]
@@ -25,8 +25,8 @@ def describe_calibration(found: CalibrationResults) -> list[str]:
         clamp = found.calibration.clamp
         way = ", ".join(f"{value:.4f}" for value in clamp.direction)
         lines.append(_row("clamp's direction", f"({way}) in the TCP frame, sd {clamp.direction_sd_deg:.2f} degrees"))
-    if found.places is not None:
-        lines += _describe_places(found.places, found.configured_m)
+    if found.calibration.spacing is not None:
+        lines += _describe_places(found.calibration.spacing, found.configured_m)
     return [*lines, *(f"warning: {text}" for text in found.warnings)]
 
 
@@ -62,16 +62,17 @@ def _describe_time(found: CalibrationResults) -> list[str]:
     return [*lines, _row("  by the speed alone", text)]
 
 
-def _describe_places(places: MarkerPlaces, configured_m: Floats) -> list[str]:
-    apart = places.arc_length_m - configured_m
+def _describe_places(spacing: SpacingCalibration, configured_m: Floats) -> list[str]:
+    measured_m, sigma_m = np.array(spacing.marker_arc_length_m), np.array(spacing.sd_mm) * 1e-3
+    apart = measured_m - configured_m
     lines = [f"{'marker':<8}{'configured':>12}{'measured':>12}{'sd':>9}{'difference':>12}   (mm, from the anchor)"]
-    rows = zip(configured_m * 1e3, places.arc_length_m * 1e3, places.sigma_m * 1e3, apart * 1e3, strict=True)
+    rows = zip(configured_m * 1e3, measured_m * 1e3, sigma_m * 1e3, apart * 1e3, strict=True)
     lines += [f"{i:<8}{was:>12.2f}{now:>12.2f}{sd:>9.3f}{by:>+12.2f}" for i, (was, now, sd, by) in enumerate(rows)]
-    wrong = np.flatnonzero(np.abs(apart) > np.maximum(CLEAR_SIGMAS * places.sigma_m, CLEAR_M))
+    wrong = np.flatnonzero(np.abs(apart) > np.maximum(CLEAR_SIGMAS * sigma_m, CLEAR_M))
     if len(wrong):
-        measured = ", ".join(f"{value:.4f}" for value in places.arc_length_m)
+        places = ", ".join(f"{value:.4f}" for value in measured_m)
         lines.append(f"{len(wrong)} of {len(apart)} markers sit elsewhere than configured; in [cable] write instead:")
-        lines.append(f"marker_arc_length_m = [{measured}]")
+        lines.append(f"marker_arc_length_m = [{places}]")
     return lines
 
 
