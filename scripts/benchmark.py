@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pyarrow.parquet as pq
+from benchmarks.calibration import measure_calibration
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -53,6 +54,7 @@ def main() -> None:
         rows += [measure_reading(folder / "run.mcap"), measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_take_import(folder, full, bench)
+        rows += measure_calibration(folder, bench)
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
@@ -24,6 +24,8 @@ __all__ = [
     "CableConfig",
     "Config",
     "CycleConfig",
+    "EndConfig",
+    "HolderConfig",
     "RobotConfig",
     "RunConfig",
 ]
@@ -154,23 +156,60 @@ AnyRobotConfig = Annotated[
 ]
 
 
-class AnchorConfig(Section):
-    """A known place on the cable, fixed in the lab or on a rigid body."""
+class HolderConfig(Section):
+    """What holds the cable at a known place."""
 
-    kind: Literal["static_marker", "rigid_body", "none"] = Field(description="The paper's two cases, or no anchor.")
+    kind: str
     position_m: Point | None = Field(
         None, description="Lab-frame position of the static marker; left out: found in the first frames."
     )
     name: str = Field("", description="Name of the rigid body, as in the tracker's software.")
+    clamp_direction: Point | None = Field(
+        None,
+        description="Which way the clamp holds the cable, from the clamp into the free cable: in the frame of the "
+        "rigid body or the TCP, of a static marker's clamp in the lab frame.",
+    )
+    clamp_sd_deg: float = Field(
+        2.0, gt=0, le=45, description="Standard deviation of clamp_direction; 2 degrees: by a ruler."
+    )
 
     @model_validator(mode="after")
-    def _fits_its_kind(self) -> AnchorConfig:
+    def _fits_its_kind(self) -> Self:
         if self.kind == "rigid_body" and not self.name:
             raise ValueError("kind = 'rigid_body' needs name = '…', the rigid body's name in the tracker's software")
         if self.kind != "rigid_body" and self.name:
             raise ValueError(f"name belongs to kind = 'rigid_body', not to '{self.kind}'")
         if self.kind != "static_marker" and self.position_m is not None:
             raise ValueError(f"position_m belongs to kind = 'static_marker', not to '{self.kind}'")
+        return self
+
+    @model_validator(mode="after")
+    def _direction_has_a_length(self) -> Self:
+        if self.clamp_direction is not None and not any(self.clamp_direction):
+            raise ValueError("clamp_direction is a vector of any length but zero")
+        if self.clamp_direction is not None and self.kind == "none":
+            raise ValueError("clamp_direction needs something that holds the cable, not kind = 'none'")
+        return self
+
+
+class AnchorConfig(HolderConfig):
+    """A known place on the cable, fixed in the lab or on a rigid body."""
+
+    kind: Literal["static_marker", "rigid_body", "none"] = Field(description="The paper's two cases, or no anchor.")
+
+
+class EndConfig(HolderConfig):
+    """The cable's other end."""
+
+    kind: Literal["static_marker", "rigid_body", "tcp", "none"] = Field(
+        description="As for the anchor; 'tcp': from the robot's TCP pose, by the calibration."
+    )
+    clamp_m: Point = Field((0.0, 0.0, 0.0), description="With kind = 'tcp': the cable's end in the TCP frame.")
+
+    @model_validator(mode="after")
+    def _clamp_is_at_the_tcp(self) -> Self:
+        if self.kind != "tcp" and any(self.clamp_m):
+            raise ValueError(f"clamp_m belongs to kind = 'tcp', not to '{self.kind}'")
         return self
 
 
@@ -198,7 +237,7 @@ class CableConfig(Section):
     )
     minimum_bend_radius_mm: float = Field(gt=0, description="Catalogue limit: a smaller radius is outcome FAIL.")
     anchor: AnchorConfig
-    end: AnchorConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")
+    end: EndConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")
 
     @model_validator(mode="after")
     def _markers_make_sense(self) -> CableConfig:
