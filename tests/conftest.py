@@ -9,10 +9,12 @@ import time
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
 from hypothesis import settings
+from xdist.scheduler import LoadScopeScheduling
 
 # The same examples in every run, so that a red suite means a change; HYPOTHESIS_PROFILE=search looks for new ones.
 settings.register_profile("repeatable", derandomize=True)
@@ -35,18 +37,29 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     lab.addoption("--tracker", metavar="HOST", help="address of a real tracker")
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let test files that serve the same loopback addresses run one after the other: ``-n 2 --dist loadgroup``."""
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    """Let test files that serve the same loopback addresses run one after the other, in the same process."""
+    groups = _group_files()
+
+    class Scheduler(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            path = nodeid.partition("::")[0]
+            return groups[str(config.rootpath / path)]
+
+    return Scheduler(config, log)
+
+
+def _group_files() -> dict[str, str]:
+    """Return the name of each test file's group."""
     groups: dict[str, str] = {}
-    for path in dict.fromkeys(item.path for item in items):
+    for path in sorted(Path(__file__).parent.rglob("test_*.py")):
         local = path.with_name("conftest.py")  # what it makes once for a session is not to be made twice
-        places = {str(path), str(local), *_addresses(path)} if local.exists() else {str(path), *_addresses(path)}
+        places = {str(path), *_addresses(path)} | ({str(local)} if local.exists() else set())
         joined = {groups[place] for place in places if place in groups}
         name = min(joined, default=path.stem)
         groups |= {place: name for place, group in groups.items() if group in joined} | dict.fromkeys(places, name)
-    for item in items:
-        item.add_marker(pytest.mark.xdist_group(groups[str(item.path)]))
+    return groups
 
 
 @cache
