@@ -102,7 +102,9 @@ def test_the_real_cable_is_sorted_as_its_truth_says(
 
 
 def test_misses_and_ghosts_cost_the_papers_method_frames_but_no_count(tmp_path: Path) -> None:
-    config = simulated_file(tmp_path, ("[simulation]", "[simulation]\nmiss_probability = 0.05\nghost_count = 2"))
+    config = simulated_file(
+        tmp_path, ("[simulation]", '[simulation]\nmiss_probability = 0.05\nghost_count = 2\npoint_order = "shuffle"')
+    )
     run, truth = tmp_path / "a.mcap", tmp_path / "truth.parquet"
     process = bench("run", config, "--cycles", "8", "--speed", "8", "--output", run, "--truth", truth)
     assert process.returncode == 0, process.stderr

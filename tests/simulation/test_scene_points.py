@@ -55,7 +55,7 @@ def test_without_gaps_and_ghosts_every_frame_has_the_same_order(cable):
 
 
 def test_shuffled_frames_have_another_order_each(cable):
-    watch, frames = list_ids(cable, order="shuffle")
+    watch, frames = list_ids(cable, point_order="shuffle")
     assert len({tuple(row[3].tolist()) for row in watch.truth}) > 50
     assert any(ids[0] < 0x10000 for ids in frames)
 

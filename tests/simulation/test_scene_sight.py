@@ -145,14 +145,14 @@ def test_a_swinging_arm_casts_a_shadow_too(cable):
 
 def test_the_distance_of_segments_is_the_smallest_between_their_points():
     rng = np.random.default_rng(4)
-    p, u, q, v = rng.normal(size=(4, 200, 3))
-    along = np.linspace(0.0, 1.0, 201)
+    p, u, q, v = rng.normal(size=(4, 60, 3))
+    along = np.linspace(0.0, 1.0, 101)
     a = p[:, None, None] + along[None, :, None, None] * u[:, None, None]
     b = q[:, None, None] + along[None, None, :, None] * v[:, None, None]
     brute = np.linalg.norm(a - b, axis=3).min(axis=(1, 2))
     found = _distance_of_segments(p, u, q, v)
     assert (found <= brute + 1e-9).all()
-    np.testing.assert_allclose(found, brute, atol=0.02)
+    np.testing.assert_allclose(found, brute, atol=0.05)
 
 
 def test_parallel_segments_and_points_have_a_distance():

@@ -55,7 +55,7 @@ class SimulationConfig(Section):
     reflection_jitter_mm: float = Field(
         0.0, ge=0, le=50, description="How much more than a marker they jitter; 1.6-4.9 mm in real recordings."
     )
-    order: Literal["ids", "shuffle"] = Field(
+    point_order: Literal["ids", "shuffle"] = Field(
         "ids", description="Order in a frame. 'ids': as Motive has it, labeled first, both by ascending number."
     )
     robot_clock_ppm: float = Field(
@@ -78,7 +78,7 @@ class SimulationConfig(Section):
     received_sd_ms: float = Field(0.09, ge=0, le=100, description="Standard deviation of that.")
     transmit_after_ms: float = Field(5.41, ge=0, le=1000, description="From the middle of an exposure to its frame.")
     transmit_sd_ms: float = Field(0.14, ge=0, le=100, description="Standard deviation of that.")
-    late_share: float = Field(0.002, ge=0, le=1, description="Share of the frames that leave later than the others.")
+    late_share: float = Field(0.003, ge=0, le=1, description="Share of the frames that leave later than the others.")
     latest_ms: float = Field(5.0, ge=0, le=1000, description="How much later at most.")
     frame_loss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each frame to get lost on its way.")
     frame_duplicate_probability: float = Field(0.0, ge=0, le=1, description="Chance of each frame to come twice.")
@@ -103,6 +103,11 @@ class SimulationConfig(Section):
         "239.255.42.99",
         pattern=r"^(22[4-9]|23\d)(\.(25[0-5]|2[0-4]\d|1\d\d|[1-9]?\d)){3}$",
         description="Multicast group of the frames.",
+    )
+    natnet_other_markers: Literal["bodies", "unlabeled"] = Field(
+        "bodies",
+        description="What a frame lists as other markers. 'bodies': those of the rigid bodies, as Motive does; "
+        "'unlabeled': the loose ones, as its manual says.",
     )
     bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
     weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")

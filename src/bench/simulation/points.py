@@ -72,6 +72,7 @@ class Points:
         self.size_m = rng.uniform(*MARKER_SIZE_M, n_points).astype(np.float32)
         self.residual_m = rng.uniform(*RESIDUAL_M, n_points).astype(np.float32)
         self._seen = np.ones(n_points, dtype=np.bool_)
+        self._order: Indices | None = None
 
     def __len__(self) -> int:
         return len(self.ids)
@@ -85,6 +86,7 @@ class Points:
             self._next_id = BODY_IDS_END
         self.ids[points] = np.arange(self._next_id, self._next_id + n, dtype=np.uint32)
         self._next_id += n
+        self._order = None
 
     def hide(self, loose: Bools) -> None:
         """Say which loose markers (n_loose,) are hidden in this frame; those that come back get new numbers."""
@@ -92,17 +94,24 @@ class Points:
         if loose.any() or not seen.all():
             self.renew(np.flatnonzero(~loose & ~seen))
             seen[:] = ~loose
+            self._order = None
 
     def hide_members(self, hidden: Bools, lost: Bools) -> None:
         """Say which bodies' markers are hidden: the tracker fills them in, unless it has lost their body."""
         self.flags[self.first_member :] = np.where(hidden, LABELED_FLAGS | OCCLUDED, LABELED_FLAGS)
         self._seen[self.first_member :] = ~np.repeat(lost, BODY_SIZE)
+        self._order = None
 
     def order(self) -> Indices:
         """Return the indices of all that are seen, as this frame lists them."""
-        seen = np.flatnonzero(self._seen)
         if self._shuffles:
-            return self._rng.permutation(seen)
+            return self._rng.permutation(np.flatnonzero(self._seen))
+        if self._order is None:
+            self._order = self._sort()
+        return self._order
+
+    def _sort(self) -> Indices:
+        seen = np.flatnonzero(self._seen)
         n_others = np.searchsorted(seen, self.first_member)
         others = seen[:n_others]
         return np.concatenate([seen[n_others:], others[np.argsort(self.ids[others])]])

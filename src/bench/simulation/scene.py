@@ -42,7 +42,7 @@ class Exposure:
     ids: npt.NDArray[np.uint32]
     """(n,): body << 16 | member for a rigid body's marker; else a number that changes after each gap."""
     flags: npt.NDArray[np.uint32]
-    """(n,): NatNet marker parameters, 0x12 unlabeled, 0x0A labeled."""
+    """(n,): NatNet marker parameters, 0x12 unlabeled, 0x0A labeled, 0x0B labeled and filled in."""
     size_m: npt.NDArray[np.float32]
     residual_m: npt.NDArray[np.float32]
     bodies: tuple[RigidBody, ...]
@@ -98,35 +98,20 @@ class Scene:
         self.cable = cable or make_cable(config, program.path)
         self._markers = markers = Markers(config, self.cable)
         self._flange_body = config.calibration.flange_body
-        self._rng = rng = np.random.default_rng(simulation.seed)
-        self._occlusion = Occlusion(simulation, markers.n_loose, rng)
-        self._shadow: SelfOcclusion | None = None
-        if simulation.camera_count:
-            self._shadow = SelfOcclusion(simulation.camera_count, self.cable.layout, program.path, markers.table)
-        self._ghosts = Ghosts(simulation.ghost_count, simulation.ghost_near_share, rng)
-        start_m = markers.table.at(0.0)[: markers.n_cable]
-        self._reflections_m = draw_reflections(simulation.reflection_count, start_m, rng)
-        self._points = Points(
-            markers.n_loose,
-            simulation.ghost_count,
-            simulation.reflection_count,
-            [body.body_id for body in markers.bodies],
-            shuffles=simulation.order == "shuffle",
-            rng=rng,
-        )
-        self._noise_m = np.full((len(self._points), 1), simulation.noise_mm * 1e-3)
-        shaky = slice(markers.n_loose + simulation.ghost_count, self._points.first_member)
-        self._noise_m[shaky] = np.hypot(simulation.noise_mm, simulation.reflection_jitter_mm) * 1e-3
         self.bodies = {body.body_id: (body.name, body.markers_m.copy()) for body in markers.bodies}
         """Rigid bodies by id: name and (4, 3) marker offsets in the body's own coordinates."""
         self._last_bodies: dict[int, RigidBody] = {}
+        self._rng = np.random.default_rng(simulation.seed)
+        self._prepare_sight(simulation)
+        self._prepare_points(simulation)
 
     def expose(self, frame_number: int, host_ns: int) -> Exposure:
         """Return what is seen at `host_ns`, and hand the truth of it to the truth's sink."""
         motion = self._program.motion_at(host_ns)
         points, n_loose = self._points, self._points.n_loose
         true_m = self._markers.table.at(motion.place)
-        points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
+        if len(self._ghosts.positions_m):
+            points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
         all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, self._reflections_m, true_m[n_loose:]])
         noise = self._rng.standard_normal(all_m.shape) * self._noise_m
         bodies = self._hide(motion.place, noise[points.first_member :])
@@ -154,6 +139,31 @@ class Scene:
             "marker_side_m": markers.offsets_m[0].tolist(),
             "marker_above_m": markers.offsets_m[1].tolist(),
         }
+
+    def _prepare_sight(self, simulation: SimulationConfig) -> None:
+        markers = self._markers
+        self._occlusion = Occlusion(simulation, markers.n_loose, self._rng)
+        self._shadow: SelfOcclusion | None = None
+        if simulation.camera_count:
+            layout, path = self.cable.layout, self._program.path
+            self._shadow = SelfOcclusion(simulation.camera_count, layout, path, markers.table)
+        self._ghosts = Ghosts(simulation.ghost_count, simulation.ghost_near_share, self._rng)
+        start_m = markers.table.at(0.0)[: markers.n_cable]
+        self._reflections_m = draw_reflections(simulation.reflection_count, start_m, self._rng)
+
+    def _prepare_points(self, simulation: SimulationConfig) -> None:
+        n_loose, n_ghosts = self._markers.n_loose, simulation.ghost_count
+        self._points = Points(
+            n_loose,
+            n_ghosts,
+            simulation.reflection_count,
+            list(self.bodies),
+            shuffles=simulation.point_order == "shuffle",
+            rng=self._rng,
+        )
+        self._noise_m = np.full((len(self._points), 1), simulation.noise_mm * 1e-3)
+        shaky_mm = np.hypot(simulation.noise_mm, simulation.reflection_jitter_mm)
+        self._noise_m[n_loose + n_ghosts : self._points.first_member] = shaky_mm * 1e-3
 
     def _hide(self, place: float, members_noise_m: npt.NDArray[np.float64]) -> tuple[RigidBody, ...]:
         """Hide what is hidden in this frame and return the bodies as the tracker sees them."""

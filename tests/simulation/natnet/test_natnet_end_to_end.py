@@ -160,3 +160,17 @@ def test_usb_cameras_are_recorded_by_the_time_of_reception() -> None:
         exposed_ns = tracker.scene.host_ns[frame.frame_number]
         late_ns = tracker.tracker_clock.host_ns_at(frame.device_ticks) - exposed_ns
         assert late_ns == pytest.approx(4_600_000, abs=1_000_000)
+
+
+def test_what_a_bad_network_does_to_the_frames_is_counted_to_the_frame() -> None:
+    faults = {"frame_loss_probability": 0.05, "frame_duplicate_probability": 0.03, "frame_reorder_probability": 0.03}
+    with running_tracker(HOST, 5.0, **faults) as tracker:
+        recording = record(tracker, n_frames=600)
+        delivery = tracker.server.delivery
+        assert delivery.n_lost > 10
+        assert delivery.n_doubled > 5
+        assert delivery.n_held > 5
+    numbers = [frame.frame_number for frame in recording.frames]
+    assert len(set(numbers)) == len(numbers)
+    assert numbers != sorted(numbers)
+    assert sum(n for _, n in recording.missed) == max(numbers) - min(numbers) + 1 - len(numbers)

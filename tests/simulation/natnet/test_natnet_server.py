@@ -100,6 +100,16 @@ def test_a_frame_says_what_the_scene_showed(tracker: StillTracker, client: RawCl
     assert frame.bodies["quaternion"].tolist() == [[0.0, 0.0, 0.0, 1.0]]
 
 
+def test_the_other_markers_may_be_those_of_the_manual() -> None:
+    with still_tracker(HOST, natnet_other_markers="unlabeled") as tracker, RawClient(tracker.server.address) as client:
+        connect(client)
+        tracker.let_pass(0.1)
+        frame = receive_frame(client)
+    shown = tracker.scene.exposures[frame.frame_number]
+    assert np.array_equal(frame.other_m, shown.points_m[3:])
+    assert len(frame.labeled) == 12
+
+
 def test_the_stamps_are_exposure_reception_and_transmission_in_ticks(tracker: StillTracker, client: RawClient) -> None:
     connect(client)
     tracker.let_pass(0.2)
@@ -174,7 +184,15 @@ def test_the_model_definitions_name_the_bodies_and_their_markers(client: RawClie
 
 @pytest.mark.parametrize(
     ("request_", "layout", "value"),
-    [("FrameRate", "<f", 100.0), ("UnitsToMillimeters", "<f", 1000.0), ("UpAxis", "<i", 1), ("LiveMode", "<i", 0)],
+    [
+        ("FrameRate", "<f", 100.0),
+        ("UnitsToMillimeters", "<f", 1000.0),
+        ("UpAxis", "<i", 1),
+        ("LiveMode", "<i", 0),
+        ("SubscribeToData,LabeledMarkers,All", "<i", 0),
+        ("SetRecordTakeName,cable 7", "<i", 0),
+        ("SetRecordTakeName", "<i", 1),
+    ],
 )
 def test_requests_are_answered_with_a_number(client: RawClient, request_: str, layout: str, value: float) -> None:
     message, payload = client.ask(encode_request(request_))
@@ -186,6 +204,7 @@ def test_an_unknown_request_is_answered_with_itself(client: RawClient) -> None:
     message, payload = client.ask(encode_request("TestRequest"))
     assert message == Message.UNRECOGNIZED_REQUEST
     assert decode_text(payload) == "TestRequest"
+    assert len(payload) == 264  # as Motive has it
     assert client.ask(encode_packet(Message.MODELDEF))[0] == Message.UNRECOGNIZED_REQUEST
 
 

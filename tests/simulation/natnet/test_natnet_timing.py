@@ -35,6 +35,14 @@ def test_the_defaults_are_what_was_measured_on_real_frames() -> None:
     assert (transmit > received).all()
 
 
+def test_frames_at_120_hz_arrive_as_unevenly_as_real_ones() -> None:
+    _, leaves = draw(40 * 518)
+    arrival = np.maximum.accumulate(np.arange(len(leaves)) / 120.0 + leaves)
+    intervals = np.diff(arrival)[: 40 * 517].reshape(40, 517)
+    assert np.median(intervals.std(axis=1)) == pytest.approx(0.38e-3, abs=0.03e-3)
+    assert np.median(intervals.max(axis=1)) == pytest.approx(12.8e-3, abs=2.5e-3)
+
+
 def test_late_frames_are_as_many_and_as_late_as_configured() -> None:
     _, leaves = draw(late_share=0.1, latest_ms=13.0)
     usual = 6.2e-3

@@ -103,6 +103,7 @@ class Answers:
             "Bitstream": lambda: self._bitstream(argument, sender),
             "StartRecording": lambda: self._record(True),
             "StopRecording": lambda: self._record(False),
+            "SetRecordTakeName": lambda: encode_integer_response(ACCEPTED if argument else REFUSED),
             "LiveMode": lambda: encode_integer_response(ACCEPTED),
             "SubscribeToData": lambda: encode_integer_response(ACCEPTED),
         }

@@ -49,8 +49,9 @@ def make_frame(
     params: int = 0,
     ptp_ns: int | None = None,
     unseen: Mapping[int, str] | None = None,
+    others_are_loose: bool = False,
 ) -> Frame:
-    """Fill a frame as Motive does: every point among the labeled ones, and the bodies' markers in the others again.
+    """Fill a frame as Motive does: every point among the labeled ones, and some in the others again.
 
     Parameters
     ----------
@@ -64,6 +65,8 @@ def make_frame(
         Time of a PTP clock, if there is one.
     unseen : mapping, optional
         Ids of bodies that no camera sees.
+    others_are_loose : bool
+        False: the others are the bodies' markers, as in every recorded packet; True: all but them, as in the manual.
     """
     labeled = np.empty(len(exposure.ids), dtype=LABELED)
     labeled["id"] = exposure.ids
@@ -75,7 +78,7 @@ def make_frame(
         frame_number=frame_number,
         labeled=labeled,
         bodies=np.array([*map(_body_row, exposure.bodies), *map(_unseen_row, unseen or ())], dtype=BODY),
-        other_m=exposure.points_m[(exposure.flags & HAS_MODEL) != 0],
+        other_m=exposure.points_m[((exposure.flags & HAS_MODEL) == 0) == others_are_loose],
         timestamp_s=timestamp_s,
         mid_exposure=stamps[0],
         data_received=stamps[1],

@@ -31,6 +31,8 @@ FIRST_FRAME_NUMBER = 1042
 NUMBER_AFTER_RESTART = 17
 TICKS_S_AFTER_RESTART = 45.0
 """A PC that was switched off counts from its own start: it takes about so long."""
+NETWORK_STREAM = 2
+"""Of the seed: delays and losses are drawn apart from what the scene draws."""
 LONGEST_JUMP = 10
 """By how much a frame number may jump."""
 
@@ -74,7 +76,7 @@ class NatNetServer:
         self._tracker_clock = tracker_clock
         self._simulation = simulation
         self._rate_hz = simulation.tracker_rate_hz
-        self._rng = np.random.default_rng(simulation.seed)
+        self._rng = np.random.default_rng((simulation.seed, NETWORK_STREAM))
         self._timing = FrameTiming(simulation, tracker_clock.ticks_per_s, self._rng)
         self._clients = Clients(clock)
         self._answers = Answers(
@@ -202,7 +204,16 @@ class NatNetServer:
         params = (RECORDING if self._answers.is_recording else 0) | self._changed
         timestamp_s = self._n_since_start / self._rate_hz
         ptp_ns = host_ns if self._simulation.ptp else None
-        frame = make_frame(exposure, number, timestamp_s, stamps, params=params, ptp_ns=ptp_ns, unseen=self._unseen)
+        frame = make_frame(
+            exposure,
+            number,
+            timestamp_s,
+            stamps,
+            params=params,
+            ptp_ns=ptp_ns,
+            unseen=self._unseen,
+            others_are_loose=self._simulation.natnet_other_markers == "unlabeled",
+        )
         self._changed = 0
         self.n_exposed += 1
         self._n_since_start += 1
