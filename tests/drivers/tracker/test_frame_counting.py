@@ -68,6 +68,30 @@ def test_a_jump_of_a_million_frames_keeps_little_in_memory() -> None:
     assert counter.place(2, 1020)[0] is Place.RESTART
 
 
+def test_a_number_that_goes_on_while_the_clock_begins_anew_is_a_new_count() -> None:
+    counter, _ = place_all([5, 6, 7])
+    assert counter.place(8, 3) == (Place.RESTART, 0)
+    assert counter.place(9, 13) == (Place.NEXT, 0)
+
+
+def test_a_leap_is_a_loss_only_if_the_clock_went_on_as_long() -> None:
+    for ticks_per_frame, place in ((10, (Place.NEXT, 4_992)), (0.01, (Place.RESTART, 0)), (100, (Place.RESTART, 0))):
+        counter, _ = place_all([5, 6, 7])
+        assert counter.place(5_000, 1_070 + round(4_993 * ticks_per_frame)) == place
+
+
+def test_stamps_that_fall_back_a_little_or_stand_still_are_no_new_count() -> None:
+    counter, _ = place_all([5, 6, 7])
+    assert [counter.place(8, 1_065), counter.place(9, 1_065), counter.place(10, 1_100)] == [(Place.NEXT, 0)] * 3
+
+
+def test_after_a_silence_no_frame_is_late() -> None:
+    counter, _ = place_all([105, 107])
+    assert counter.place(106, 10, after_silence=True) == (Place.RESTART, 0)
+    counter, _ = place_all([105, 107])
+    assert counter.place(107, 2_070, after_silence=True) == (Place.DUPLICATE, 0)
+
+
 @settings(deadline=None, max_examples=200)
 @given(st.data())
 def test_whatever_the_order_each_frame_counts_once(data: st.DataObject) -> None:

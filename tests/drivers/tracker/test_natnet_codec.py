@@ -30,11 +30,19 @@ from bench.drivers.tracker.natnet.messages import (
     decode_echo_response,
     decode_number,
     decode_server_info,
+    decode_text,
     encode_connect,
     encode_unrecognized,
 )
 from bench.drivers.tracker.natnet.models import OtherModel, RigidBodyModel, decode_models, encode_models
-from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Message, encode_packet, split_packet, verify_whole
+from bench.drivers.tracker.natnet.wire import (
+    LARGEST_PACKET,
+    Message,
+    encode_packet,
+    pack_text,
+    split_packet,
+    verify_whole,
+)
 from bench.errors import ProtocolError
 
 VERSIONS = [(2, 9), (2, 10), (3, 0), (3, 1), (4, 0), (4, 1), (4, 2), (4, 3), (4, 5), (5, 0)]
@@ -213,6 +221,30 @@ def test_the_size_in_the_header_may_be_wrong() -> None:
 def test_what_fits_no_datagram_is_not_encoded() -> None:
     with pytest.raises(ProtocolError, match="does not fit"):
         encode_packet(Message.FRAMEOFDATA, bytes(LARGEST_PACKET))
+
+
+@pytest.mark.parametrize(
+    ("message", "number"),
+    [
+        ("REQUEST_MODELDEF", 4),
+        ("REQUEST_FRAMEOFDATA", 6),
+        ("DISCONNECT", 9),
+        ("KEEPALIVE", 10),
+        ("DISCONNECTBYTIMEOUT", 11),
+    ],
+)
+def test_messages_that_are_a_header_alone(message: str, number: int) -> None:
+    packet = encode_packet(Message[message])
+    assert packet == struct.pack("<HH", number, 0)
+    assert split_packet(packet) == (number, b"")
+
+
+@pytest.mark.parametrize("text", ["", "Take 3 begins", "Prüfstand läuft"])
+def test_a_message_in_words_ends_with_a_zero(text: str) -> None:
+    packet = encode_packet(Message.MESSAGESTRING, pack_text(text))
+    assert packet[:2] == struct.pack("<H", 8)
+    assert packet[-1] == 0
+    assert decode_text(split_packet(packet)[1]) == text
 
 
 @pytest.mark.parametrize("size", [0, 5, 264, 270, 271])

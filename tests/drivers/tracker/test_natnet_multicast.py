@@ -21,6 +21,11 @@ from bench.model import LogEntry, TrackerFrame
 from bench.timing import RunClock
 
 
+@pytest.fixture(autouse=True)
+def short_patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(networks, "CALL_S", 0.1)
+
+
 def free_port() -> int:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("", 0))

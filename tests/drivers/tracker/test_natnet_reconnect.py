@@ -138,6 +138,10 @@ def test_a_tracker_that_comes_back_with_a_version_that_nobody_reads_is_told_and_
         tracker.info = replace(tracker.info, natnet_version=(2, 0, 0, 0))
         come_back(tracker)
         assert recorder.wait_for_log("2.9 is the oldest").severity is Severity.ERROR
+        come_back(tracker)
+        tracker.send(make_packet(150))
+        recorder.wait_for_frame(150)
+    assert sum("2.9 is the oldest" in r.text for r in recorder.seen if isinstance(r, LogEntry)) == 1
 
 
 def test_a_tracker_that_took_its_leave_and_came_back_sends_again(tracker: ScriptedTracker, recorder: Recorder) -> None:

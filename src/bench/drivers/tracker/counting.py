@@ -82,7 +82,7 @@ class FrameCounter:
         A restarted tracker counts anew, and may have come further than the old count was.
         """
         elapsed, leap = ticks - self._newest_ticks, number - self._newest
-        if elapsed <= 0:
+        if elapsed < -REORDER_FRAMES * self._ticks_per_frame:
             return True
         if leap <= REORDER_FRAMES or self._ticks_per_frame == 0.0:
             return False
@@ -97,7 +97,8 @@ class FrameCounter:
 
     def _advance(self, number: int, ticks: int) -> int:
         gap = number - self._newest - 1
-        self._ticks_per_frame = (ticks - self._newest_ticks) / (gap + 1)
+        if ticks > self._newest_ticks:
+            self._ticks_per_frame = (ticks - self._newest_ticks) / (gap + 1)
         for absent in range(max(self._newest + 1, number - REORDER_FRAMES), number):
             self._missing[absent] = None
         self.missed += gap

@@ -76,6 +76,7 @@ class NatNetTracker:
         self._sink: RecordSink = lambda _record: None
         self._stream: FrameStream | None = None
         self._server: ServerInfo | None = None
+        self._refused: ServerInfo | None = None
         self._next_chores_ns = 0
         self._next_keepalive_ns = 0
         self._next_connect_ns = 0
@@ -187,17 +188,18 @@ class NatNetTracker:
     def _meet_again(self, server: ServerInfo) -> None:
         """Go on with a tracker that answers after it was lost: as it was, or changed meanwhile."""
         stream, before = self._stream, self._server
-        if stream is None or before is None or not self._silent:
+        if stream is None or before is None or not self._silent or server == self._refused:
             return
-        self._server = server
         bitstream = None
         try:
             if server != before:
                 bitstream = begin_streaming(server, self._link, self._config)
                 self._say(Severity.WARN, f"The tracker is {name_software(server)} now; it was {name_software(before)}.")
         except BenchError as error:
+            self._refused = server
             self._say(Severity.ERROR, str(error))
             return
+        self._server, self._refused = server, None
         stream.go_on(bitstream, server.clock_hz)
 
     def _describe_silence(self, stream: FrameStream) -> str:

@@ -100,14 +100,10 @@ def _cut_items(reader: Reader, dtype: np.dtype[Any], count: int, start: int) -> 
 def read_marker_sets(reader: Reader, sized: bool) -> tuple[MarkerSet, ...]:
     count = reader.count(5)
     end = reader.count(1) + reader.offset if sized else None
-    sets = tuple([_read_marker_set(reader) for _ in range(count)])
+    sets = tuple([MarkerSet(reader.text(), reader.array(POINT)) for _ in range(count)])
     if end is not None and reader.offset != end:
         raise ProtocolError(f"The marker sets of a NatNet FRAMEOFDATA end at byte {reader.offset}, not at {end}.")
     return sets
-
-
-def _read_marker_set(reader: Reader) -> MarkerSet:
-    return MarkerSet(reader.text(), reader.array(POINT))
 
 
 def read_section(reader: Reader, walk: Callable[[Reader], None] | None) -> Section:

@@ -38,8 +38,8 @@ MOST_QUESTIONS = 16
 """Questions that may wait for their answer: 4 s. Older ones are given up."""
 MODELS_PAUSE_S = 1.0
 """Machine time between two requests for the model definitions: the bit that asks for it stays set for a while."""
-CLOCK_JUMP_NS = 10_000_000_000
-"""A clock that reads so much else began anew. Networks hold packets back for less."""
+CLOCK_JUMP_S = 10.0
+"""Machine time: a clock that reads so much else began anew. Networks and busy machines hold packets back for less."""
 LARGEST_CORRECTION_NS = 3_600_000_000_000
 """A capture time an hour from its arrival comes from a broken stamp, not from a slow network."""
 
@@ -197,7 +197,8 @@ class FrameStream:
 
     def _watch_for_new_clock(self, ticks: int, arrival_ns: int) -> None:
         """Begin a segment if the clock reads something else altogether: the tracker's PC was restarted."""
-        if self._echo.map is not None and abs(self._echo.map.to_host_ns(ticks) - arrival_ns) > CLOCK_JUMP_NS:
+        limit_ns = patience_ns(self._clock, CLOCK_JUMP_S)
+        if self._echo.map is not None and abs(self._echo.map.to_host_ns(ticks) - arrival_ns) > limit_ns:
             self._counter.begin_anew()
             self._begin_segment("The tracker's clock was restarted")
 

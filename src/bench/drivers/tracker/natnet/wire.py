@@ -152,16 +152,17 @@ class Reader:
 
     def integer(self) -> int:
         """Read a signed 32-bit number."""
-        return int(COUNT.unpack_from(self.data, self.advance(4))[0])
+        n: int = count_at(self.data, self.advance(4))[0]
+        return n
 
     def count(self, item_bytes: int) -> int:
         """Read how many items follow, of at least `item_bytes` each; more than the packet can hold is refused."""
-        after = self.offset + COUNT.size
-        if after > self.end:
-            self.advance(COUNT.size)
-        n = int(count_at(self.data, self.offset)[0])
-        self.offset = after
-        if n < 0 or n * item_bytes > self.end - after:
+        start = self.offset
+        if start + 4 > self.end:
+            self.advance(4)
+        n: int = count_at(self.data, start)[0]
+        self.offset = start = start + 4
+        if n < 0 or n * item_bytes > self.end - start:
             raise ProtocolError(
                 f"A NatNet {self.what} announces {n} items of {item_bytes} bytes where {self.remaining} bytes are left."
             )
