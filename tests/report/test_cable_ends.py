@@ -138,6 +138,17 @@ def test_a_robot_that_tells_no_pose_leaves_the_calibrated_end_unused(tmp_path: P
     assert any("needs a robot that tells its TCP pose" in text for text in results.warnings)
 
 
+@pytest.mark.parametrize(("set_m", "warned"), [(0.12, False), (0.15, True)])
+def test_another_tcp_than_in_the_calibration_is_a_warning(tmp_path: Path, set_m: float, warned: bool) -> None:
+    def tell(state: RobotState) -> RobotState:
+        return replace(state, tcp_pose=(0.5, state.sequence * 1e-4, 0, 0, 0, 0), tcp_offset=(0, 0, set_m, 0, 0, 0))
+
+    calibrated = f"{CALIBRATED}tcp_offset = [0.0, 0.0, 0.12, 0.0, 0.0, 0.0]\n"
+    results, _ = analyse(tmp_path, RunSpec(extra_toml=calibrated, change_state=tell))
+    told = [text for text in results.warnings if "The TCP was set to (0.0, 0.0, 150.0) mm" in text]
+    assert len(told) == warned
+
+
 def test_the_marker_on_the_flange_is_not_taken_for_the_cables(tmp_path: Path) -> None:
     def beside_cable(seconds: float) -> np.ndarray:
         return on_cable(seconds, ARC_LENGTH_M[2]) + np.array([0.0, 0.0, SPACING_M])

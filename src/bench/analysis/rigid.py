@@ -30,6 +30,8 @@ MEDIAN_OF_CHI3 = 1.5382
 """Median length of a vector with three standard normal components."""
 ROUNDS = 30
 """Reweighting settles in 5 to 15 rounds; with a third of the points wrong in up to 25."""
+NO_INFORMATION = 1e-12
+"""A standard deviation of a million radians, metres or seconds."""
 SMALLEST_SIGMA_M = 1e-9
 """Below a nanometre a spread is rounding: points without noise."""
 
@@ -54,10 +56,6 @@ class RigidTransform:
     def changed_by(self, step: Floats) -> RigidTransform:
         """Return the transform after a small step (6,): turned further about the target's axes (rad), shifted (m)."""
         return RigidTransform(Rotation.from_rotvec(step[:3]).as_matrix() @ self.rotation, self.shift_m + step[3:])
-
-    def angle_to(self, other: RigidTransform) -> float:
-        """Return the angle between the two transforms' rotations, rad."""
-        return float(Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude())
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,7 +171,7 @@ def _covariance(transform: RigidTransform, source: Floats, target: Floats, weigh
 
 def invert_information(information: Floats) -> Floats:
     """Return the covariance of an information matrix; what it does not tell gets a variance beyond all limits."""
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scale = np.sqrt(np.maximum(np.diag(information), NO_INFORMATION))
     value, vector = np.linalg.eigh(information / np.outer(scale, scale))
     value = np.maximum(value, value[-1] * 1e-13)
     return np.asarray((vector / value) @ vector.T / np.outer(scale, scale))

@@ -44,6 +44,9 @@ class SpaceCalibration(Section):
     )
     tcp_from_body_shift_m: Triple = Field(description="The body's origin, or the marker, in the TCP frame.")
     tcp_from_body_sd_mm: Triple = Field(description="Standard deviation of its coordinates.")
+    tcp_offset: Six | None = Field(
+        None, description="The TCP in the flange frame, as set on the controller (m, rad): the TCP frame that is meant."
+    )
     residual_rms_mm: float = Field(ge=0, description="Distance between both devices' positions, root mean square.")
     residual_max_mm: float = Field(ge=0, description="The largest that was used.")
     n_frames: int = Field(ge=1, description="Frames compared.")

@@ -90,7 +90,7 @@ def calibrate_run(run: Run, config: Config, flange_body: str = "") -> Calibratio
     places = cable.measure_places(config, warnings) if cable else None
     clamp = cable.find_clamp(config, found, track, sightings.time_s, warnings) if cable else None
     return CalibrationResults(
-        calibration=describe_findings(run, found, places, clamp),
+        calibration=describe_findings(run, robot.tcp_offset, found, places, clamp),
         hand_eye=found,
         motion_offset=by_speed,
         configured_m=np.array(config.cable.arc_length_m),

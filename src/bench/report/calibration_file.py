@@ -23,7 +23,7 @@ SixBySix = tuple[Six, Six, Six, Six, Six, Six]
 
 
 def describe_findings(
-    run: Run, found: HandEye, places: MarkerPlaces | None, clamp: ClampDirection | None
+    run: Run, tcp_offset: Floats, found: HandEye, places: MarkerPlaces | None, clamp: ClampDirection | None
 ) -> Calibration:
     """Return a calibration's content."""
     return Calibration(
@@ -32,7 +32,7 @@ def describe_findings(
         created_utc=datetime.now(tz=UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         bench_version=version("cable-bench"),
         time=TimeCalibration(offset_ms=found.offset_s * 1e3, offset_sd_ms=float(found.sigma[12]) * 1e3),
-        space=_describe_space(found),
+        space=_describe_space(found, tcp_offset),
         spacing=_describe_places(places) if places else None,
         clamp=_describe_clamp(clamp) if clamp else None,
     )
@@ -49,7 +49,7 @@ def _describe_clamp(clamp: ClampDirection) -> ClampCalibration:
     return ClampCalibration(direction=_triple(clamp.direction), direction_sd_deg=float(np.rad2deg(clamp.sigma_rad)))
 
 
-def _describe_space(found: HandEye) -> SpaceCalibration:
+def _describe_space(found: HandEye, tcp_offset: Floats) -> SpaceCalibration:
     used = found.residual_m[found.used]
     has_body = bool(np.isfinite(found.sigma[6:9]).all())
     lab, body = found.lab_from_base, found.tcp_from_body
@@ -61,6 +61,7 @@ def _describe_space(found: HandEye) -> SpaceCalibration:
         tcp_from_body_rotation_rad=_triple(Rotation.from_matrix(body.rotation).as_rotvec()) if has_body else None,
         tcp_from_body_shift_m=_triple(body.shift_m),
         tcp_from_body_sd_mm=_triple(found.sigma[9:12] * 1e3),
+        tcp_offset=_six(tcp_offset) if np.isfinite(tcp_offset).all() else None,
         residual_rms_mm=float(np.sqrt(np.mean(used**2))) * 1e3,
         residual_max_mm=float(used.max()) * 1e3,
         n_frames=int(np.isfinite(found.residual_m).sum()),

@@ -111,6 +111,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         noted=read_noted(run),
         warnings=[
             *start.warnings,
+            *(in_lab.warn_of_tcp() if in_lab else []),
             *ends.warnings,
             *_warn_of_origin(account),
             *warn_of_steps(run),

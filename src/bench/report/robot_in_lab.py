@@ -18,6 +18,9 @@ __all__ = ["RobotInLab", "exclude_flange_marker", "find_robot", "seconds_since"]
 
 Floats = npt.NDArray[np.float64]
 
+SAME_TCP_M, SAME_TCP_RAD = 1e-4, 1e-3
+"""A controller tells what was typed in, to single precision or better: more is another TCP."""
+
 
 @dataclass(frozen=True, eq=False)
 class RobotInLab:
@@ -28,6 +31,22 @@ class RobotInLab:
     place_m: Floats
     """(F, 3): NaN where the robot told no pose."""
     space: SpaceCalibration
+    tcp_offset: Floats
+    """(6,): the TCP in the flange frame as it was set in this run; NaN where unknown."""
+
+    def warn_of_tcp(self) -> list[str]:
+        """Return a warning where another TCP was set than in the calibration."""
+        apart = np.abs(self.tcp_offset - np.array(self.space.tcp_offset or [np.nan] * 6))
+        if not (apart[:3].max() > SAME_TCP_M or apart[3:].max() > SAME_TCP_RAD):
+            return []
+        was, now = (
+            ", ".join(f"{value * 1e3:.1f}" for value in offset[:3])
+            for offset in (self.space.tcp_offset or (), self.tcp_offset)
+        )
+        text = (
+            f"The TCP was set to ({now}) mm on the controller, and to ({was}) mm in the calibration: what it knows of "
+        )
+        return [f"{text}the TCP frame (clamp, marker on the flange) does not hold for this run."]
 
     def place(self, point_m: tuple[float, float, float], clamp: ClampDirection | None = None) -> CableEnd:
         """Place a point of the TCP frame, and a direction from it, in the lab frame of each frame."""
@@ -55,7 +74,7 @@ def find_robot(frames: TrackerFrames, robot: RobotSamples | None, calibration: C
     time_s = seconds_since(frames.time_ns, origin_ns)
     turn, place_m = track.at(time_s)
     place_m[~track.covers(time_s)] = np.nan
-    return RobotInLab(turn, place_m, calibration.space)
+    return RobotInLab(turn, place_m, calibration.space, robot.tcp_offset)
 
 
 def exclude_flange_marker(start: ChainStart, frames: TrackerFrames, robot: RobotInLab | None) -> None:
