@@ -118,6 +118,7 @@ def test_the_schema_describes_every_table() -> None:
         "robot",
         "tracker",
         "cable",
+        "calibration",
         "analysis",
         "policy",
         "simulation",

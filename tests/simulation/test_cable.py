@@ -35,6 +35,33 @@ def test_at_every_place_the_cable_ends_on_the_flange(length_m, stiffness):
         np.testing.assert_allclose(pole, cable.layout.plane_to_lab(np.array(cable.layout.pole_in_plane_m)), atol=1e-9)
 
 
+def test_a_cable_whose_plane_swings_is_held_by_the_flange_in_space():
+    layout = Layout(1.2)
+    cable = Cable(layout, JointPath(1.0, layout.swing), weight_n_per_m=1.5, stiffness_nm2=0.02)
+    table = cable.points([0.0, cable.length_m - 0.001, cable.length_m])
+    ends = []
+    for place in PLACES:
+        pole, before, end = table.at(place)
+        position, turn = flange_in_lab(cable, place)
+        np.testing.assert_allclose(end, position, atol=2e-6)
+        np.testing.assert_allclose(pole, layout.plane_to_lab(np.array(layout.pole_in_plane_m)), atol=1e-9)
+        assert (end - before) @ turn[:, 2] == pytest.approx(-np.linalg.norm(end - before), rel=1e-4)
+        ends.append(end)
+    assert np.linalg.svd(ends - np.mean(ends, axis=0))[1].min() / np.sqrt(len(PLACES)) > 0.03
+
+
+def test_the_axes_across_the_cable_are_normal_to_it_and_to_each_other(cable):
+    arc_length = np.array([0.0, 0.3, 0.9, 1.2])
+    side, above = (np.asarray(axis[5]) for axis in cable.axes_along_path(arc_length))
+    before, after = np.array([0.0, 0.001, 0.001, 0.001]), np.array([0.001, 0.001, 0.001, 0.0])
+    tangent = cable.points_along_path(arc_length + after)[5] - cable.points_along_path(arc_length - before)[5]
+    for axis in (side, above):
+        np.testing.assert_allclose(np.linalg.norm(axis, axis=1), 1.0)
+        assert np.abs((axis * tangent).sum(axis=1)).max() < 1e-4
+    np.testing.assert_allclose((side * above).sum(axis=1), 0.0, atol=1e-12)
+    assert (above @ cable.layout.up > 0.0).all()
+
+
 def test_the_cable_enters_the_flange_against_the_tool_axis(cable):
     table = cable.points([cable.length_m - 0.001, cable.length_m])
     for place in PLACES[:10]:

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.simulation.kinematics import flange_poses, flange_transforms
-from bench.simulation.path import BASE_JOINT_RAD, JointPath, place_at_phase, rate_at_phase
+from bench.simulation.path import BASE_JOINT_RAD, JointPath, Swing, place_at_phase, rate_at_phase
 
 PLACES = np.linspace(0.0, 1.0, 257)
 
@@ -84,4 +85,50 @@ def test_the_turning_speed_is_about_the_normal_of_the_plane(path):
 def test_the_rotation_vector_never_jumps(path):
     poses = np.array([path.at(place).pose for place in PLACES])
     assert np.abs(np.diff(poses, axis=0)).max() < 0.03
+    assert np.linalg.norm(poses[:, 3:], axis=1).max() < np.pi
+
+
+SWING = Swing((-1.1, -0.2), 0.25)
+
+
+@pytest.fixture(scope="module")
+def swinging():
+    return JointPath(1.0, SWING)
+
+
+def test_a_calibration_begins_and_ends_where_the_path_does(swinging, path):
+    for place in (0.0, 1.0):
+        np.testing.assert_allclose(swinging.at(place).q_rad, JointPath(1.0).at(0.0).q_rad, atol=1e-9)
+
+
+def test_a_calibration_turns_the_flange_about_three_axes_and_moves_it_in_space(swinging):
+    turns = flange_transforms(joints(swinging))
+    rotations = Rotation.from_matrix(turns[0, :3, :3].T @ turns[:, :3, :3]).as_rotvec()
+    spread = np.linalg.svd(rotations - rotations.mean(axis=0), compute_uv=False) / np.sqrt(len(PLACES))
+    assert spread.min() > 0.2
+    positions = turns[:, :3, 3] - turns[:, :3, 3].mean(axis=0)
+    assert np.linalg.svd(positions, compute_uv=False).min() / np.sqrt(len(PLACES)) > 0.03
+
+
+def test_a_swinging_flange_keeps_its_height_and_its_distance_from_the_axis(swinging):
+    plain, swung = (flange_transforms(joints(path))[:, :3, 3] for path in (JointPath(1.0), swinging))
+    np.testing.assert_allclose(swung[:, 2], plain[:, 2], atol=1e-6)
+    radii = [np.linalg.norm(points[:, :2] - SWING.pivot_m, axis=1) for points in (plain, swung)]
+    np.testing.assert_allclose(*radii, atol=1e-6)
+
+
+def test_a_calibrations_pose_and_derivatives_agree_with_its_joints(swinging):
+    step = 1e-4
+    for place in (0.07, 0.35, 0.81):
+        point = swinging.at(place)
+        np.testing.assert_allclose(point.pose, flange_poses(np.array(point.q_rad)), atol=5e-6)
+        before, after = swinging.at(place - step), swinging.at(place + step)
+        np.testing.assert_allclose(point.q_rate, (np.array(after.q_rad) - before.q_rad) / (2 * step), atol=0.02)
+        first, last = (Rotation.from_rotvec(p.pose[3:]) for p in (before, after))
+        np.testing.assert_allclose(point.pose_rate[3:], (last * first.inv()).as_rotvec() / (2 * step), atol=0.02)
+
+
+def test_a_calibrations_rotation_vector_never_jumps(swinging):
+    poses = np.array([swinging.at(place).pose for place in PLACES])
+    assert np.abs(np.diff(poses, axis=0)).max() < 0.1
     assert np.linalg.norm(poses[:, 3:], axis=1).max() < np.pi

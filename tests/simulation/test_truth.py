@@ -18,7 +18,7 @@ PATH = JointPath()
 
 
 def open_writer(path):
-    return TruthWriter(path, CURVATURE, ARC_LENGTH, n_markers=3)
+    return TruthWriter(path, CURVATURE, ARC_LENGTH, n_markers=3, facts={"tracker_stamp_delay_s": 0.002})
 
 
 def put_cycles(writer, n_frames):
@@ -80,6 +80,7 @@ def test_curvature_is_a_magnitude_at_the_arc_lengths_of_the_metadata(tmp_path):
     writer.close()
     table = pq.read_table(path)
     assert json.loads(table.schema.metadata[b"arc_length_m"]) == ARC_LENGTH.tolist()
+    assert json.loads(table.schema.metadata[b"scene"]) == {"tracker_stamp_delay_s": 0.002}
     expected = np.abs([CURVATURE.at(m.place) for m in motions])
     np.testing.assert_allclose(table["curvature_per_m"].to_pylist(), expected, rtol=1e-6, atol=1e-9)
 

@@ -7,13 +7,18 @@ from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arriva
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
+from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
 from bench.analysis.isolated import find_isolated_bends
+from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
 from bench.analysis.sources import (
     CycleFollower,
@@ -23,7 +28,9 @@ from bench.analysis.sources import (
     describe_source,
     make_cycle_source,
 )
+from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.starts import refine_starts
+from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 
 __all__ = [
@@ -32,6 +39,8 @@ __all__ = [
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
     "BodyMatch",
+    "CableEnd",
+    "ClampDirection",
     "CounterColumns",
     "CurveEstimate",
     "CurveEstimator",
@@ -40,7 +49,14 @@ __all__ = [
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
+    "FlangeSightings",
     "Gaps",
+    "HandEye",
+    "MarkerPlaces",
+    "MotionOffset",
+    "PoseTrack",
+    "RigidFit",
+    "RigidTransform",
     "RobotSigns",
     "SegmentClock",
     "SortSettings",
@@ -53,12 +69,17 @@ __all__ = [
     "centre_of_labeled",
     "count_cycles",
     "describe_source",
+    "estimate_clamp_direction",
+    "estimate_motion_offset",
     "exclude_near",
+    "fill_from_end",
     "find_cycles",
     "find_gaps",
     "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
+    "fit_hand_eye",
+    "fit_rigid",
     "fit_spline",
     "gather_positions",
     "get_estimator",
@@ -71,8 +92,10 @@ __all__ = [
     "make_gates",
     "map_by_phase",
     "match_body",
+    "measure_marker_places",
     "phase_from_register",
     "phase_from_time",
+    "place_end",
     "refine_starts",
     "sort_by_chain",
     "spread_frames",

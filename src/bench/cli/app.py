@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.calibrate import calibrate
 from bench.cli.check import check
 from bench.cli.config import config_app
 from bench.cli.import_ import import_
@@ -29,6 +30,7 @@ app = typer.Typer(
 app.command("run")(run)
 app.command("check")(check)
 app.command("report")(report)
+app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")

@@ -37,7 +37,11 @@ def report(
     ] = None,
     config: Annotated[
         Path | None,
-        typer.Option("--config", help="Take [analysis] and the cable's limits from here, not from the recording."),
+        typer.Option(
+            "--config",
+            help="Take [analysis], the cable's limits and the calibration (if it has one) from here, not from the "
+            "recording.",
+        ),
     ] = None,
 ) -> None:
     """Analyse run files: sorted markers, curvature and bend radius per cycle, tables and report.html.
@@ -115,7 +119,7 @@ def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
 
 
 def _with_limits(recorded: Config, settings: Config, path: Path) -> Config:
-    """Return the recording's configuration with the analysis and the cable's limits of `settings`."""
+    """Return the recording's configuration with analysis, calibration and the cable's limits of `settings`."""
     if settings.cable.arc_length_m != recorded.cable.arc_length_m:
         print(
             f"warning: {path} was recorded with other marker places than --config gives; the recording's are kept.",
@@ -123,7 +127,10 @@ def _with_limits(recorded: Config, settings: Config, path: Path) -> Config:
         )
     limits = {name: getattr(settings.cable, name) for name in GATES}
     cable = recorded.cable.model_copy(update=limits)
-    return recorded.model_copy(update={"analysis": settings.analysis, "cable": cable})
+    changes = {"analysis": settings.analysis, "cable": cable}
+    if settings.calibration.measured is not None:
+        changes["calibration"] = settings.calibration
+    return recorded.model_copy(update=changes)
 
 
 def _print_summary(results: Results, page: Path) -> None:

@@ -1,7 +1,16 @@
 """TOML to strict models: an unknown key, a wrong unit or a wrong kind is one sentence with its place."""
 
+from bench.config.calibration import (
+    Calibration,
+    CalibrationConfig,
+    ClampCalibration,
+    SpaceCalibration,
+    SpacingCalibration,
+    TimeCalibration,
+)
 from bench.config.load import (
     config_schema,
+    load_calibration,
     load_config,
     parse_config,
     simulated_config,
@@ -33,12 +42,14 @@ from bench.config.models import (
     CableConfig,
     Config,
     CycleConfig,
+    EndConfig,
+    HolderConfig,
     RobotConfig,
     RunConfig,
-    SimulationConfig,
     TrackerConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.simulation import SimulationConfig
 
 __all__ = [
     "Acknowledge",
@@ -46,14 +57,19 @@ __all__ = [
     "AnchorConfig",
     "AnyRobotConfig",
     "CableConfig",
+    "Calibration",
+    "CalibrationConfig",
+    "ClampCalibration",
     "Command",
     "Commands",
     "Config",
     "CounterSignal",
     "CycleConfig",
+    "EndConfig",
     "GrantSignal",
     "HeartbeatIn",
     "HeartbeatOut",
+    "HolderConfig",
     "Interlock",
     "ModbusRobotConfig",
     "PointSignal",
@@ -64,11 +80,15 @@ __all__ = [
     "RunConfig",
     "Signal",
     "SimulationConfig",
+    "SpaceCalibration",
+    "SpacingCalibration",
     "StateSignal",
+    "TimeCalibration",
     "TimeSignal",
     "TrackerConfig",
     "VectorSignal",
     "config_schema",
+    "load_calibration",
     "load_config",
     "parse_config",
     "simulated_config",

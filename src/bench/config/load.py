@@ -7,49 +7,76 @@ import re
 import tomllib
 from importlib.resources import files
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, TypeVar, get_args
 
 import tomli_w
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
+from bench.config.calibration import Calibration
 from bench.config.models import Config
 from bench.errors import ConfigError
 
-__all__ = ["config_schema", "load_config", "parse_config", "simulated_config", "simulated_config_text", "to_toml"]
+__all__ = [
+    "config_schema",
+    "load_calibration",
+    "load_config",
+    "parse_config",
+    "simulated_config",
+    "simulated_config_text",
+    "to_toml",
+]
 
 Place = tuple[str | int, ...]
+Model = TypeVar("Model", Config, Calibration)
 
 UNITS = re.compile(r"_(m|mm|s|ms|ns|hz|rad|deg|per_m|n|nm2|n_per_m|ppm)$")
 
 
 def load_config(path: Path) -> Config:
-    """Read a configuration file.
+    """Read a configuration file, and with it the calibration file that it names.
 
     Raises
     ------
     ConfigError
-        The file cannot be read, is no TOML, or holds an unknown key, a wrong unit or a wrong kind; all faults at once.
+        A file cannot be read, is no TOML, or holds an unknown key, a wrong unit or a wrong kind; all faults at once.
     """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"The configuration {path} cannot be read: {error.strerror or error}.") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"The configuration {path} is not UTF-8 text (byte {error.start}).") from error
-    return parse_config(text, str(path))
+    config = parse_config(_read(path, "configuration"), str(path))
+    settings = config.calibration
+    if not settings.file or settings.measured is not None:
+        return config
+    measured = load_calibration(path.parent / settings.file)
+    return config.model_copy(update={"calibration": settings.model_copy(update={"measured": measured})})
+
+
+def load_calibration(path: Path) -> Calibration:
+    """Read a calibration file. Raises like `load_config`."""
+    return _parse(Calibration, _read(path, "calibration"), str(path))
 
 
 def parse_config(text: str, source: str) -> Config:
     """Check the text of a configuration; `source` names it in messages. Raises like `load_config`."""
+    return _parse(Config, text, source)
+
+
+def _read(path: Path, what: str) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(f"The {what} {path} cannot be read: {error.strerror or error}.") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"The {what} {path} is not UTF-8 text (byte {error.start}).") from error
+
+
+def _parse(model: type[Model], text: str, source: str) -> Model:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise ConfigError(f"{source} is not valid TOML: {error}.") from error
     try:
-        return Config.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
-        faults = [_sentence(fault, text, source) for fault in error.errors()]
+        faults = [_sentence(fault, text, source, model) for fault in error.errors()]
         hint = "" if len(faults) == 1 else f"({len(faults)} faults in all.)"
         raise ConfigError("\n".join(faults), hint=hint) from error
 
@@ -64,9 +91,9 @@ def simulated_config() -> Config:
     return parse_config(simulated_config_text(), "simulated.toml")
 
 
-def to_toml(config: Config) -> str:
-    """Return the resolved configuration, defaults included, as TOML that `parse_config` reads back equal."""
-    return tomli_w.dumps(config.model_dump(mode="json", by_alias=True, exclude_none=True))
+def to_toml(settings: Config | Calibration) -> str:
+    """Return a resolved configuration, defaults included, or a calibration, as TOML that is read back equal."""
+    return tomli_w.dumps(settings.model_dump(mode="json", by_alias=True, exclude_none=True))
 
 
 def config_schema() -> dict[str, Any]:
@@ -74,10 +101,10 @@ def config_schema() -> dict[str, Any]:
     return Config.model_json_schema(by_alias=True)
 
 
-def _sentence(fault: ErrorDetails, text: str, source: str) -> str:
+def _sentence(fault: ErrorDetails, text: str, source: str, root: type[BaseModel]) -> str:
     if fault["type"] == "unknown_kind":
         fault = {**fault, "loc": (*fault["loc"], "kind"), "input": fault["input"]["kind"]}
-    place, model = _follow(fault["loc"])
+    place, model = _follow(fault["loc"], root)
     line = _line_of(text, place)
     where = f"{source}, line {line}" if line else source
     key = ".".join(str(part) for part in place) or "the file"
@@ -91,14 +118,14 @@ def _sentence(fault: ErrorDetails, text: str, source: str) -> str:
     return f"{where}: {key} = {fault['input']!r}: {message[:1].lower()}{message[1:]}."
 
 
-def _follow(loc: Place) -> tuple[Place, type[BaseModel] | None]:
+def _follow(loc: Place, root: type[BaseModel]) -> tuple[Place, type[BaseModel] | None]:
     """Return the keys of the file that lead to a fault, and the model that holds the last of them.
 
     The names of branches that pydantic adds for unions are no keys: they are dropped, and choose among models.
     """
     place: list[str | int] = []
-    models: list[type[BaseModel]] = [Config]
-    holder: type[BaseModel] | None = Config
+    models: list[type[BaseModel]] = [root]
+    holder: type[BaseModel] | None = root
     for part in loc:
         chosen = [model for model in models if _kind_of(model) == part] if len(models) > 1 else []
         if chosen:

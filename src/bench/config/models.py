@@ -6,13 +6,15 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from bench.config.calibration import CalibrationConfig
 from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
 from bench.config.section import Section
+from bench.config.simulation import SimulationConfig
 
 __all__ = [
     "AnalysisConfig",
@@ -21,9 +23,10 @@ __all__ = [
     "CableConfig",
     "Config",
     "CycleConfig",
+    "EndConfig",
+    "HolderConfig",
     "RobotConfig",
     "RunConfig",
-    "SimulationConfig",
     "TrackerConfig",
 ]
 
@@ -162,23 +165,60 @@ class TrackerConfig(Section):
     local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
 
 
-class AnchorConfig(Section):
-    """A known place on the cable, fixed in the lab or on a rigid body."""
+class HolderConfig(Section):
+    """What holds the cable at a known place."""
 
-    kind: Literal["static_marker", "rigid_body", "none"] = Field(description="The paper's two cases, or no anchor.")
+    kind: str
     position_m: Point | None = Field(
         None, description="Lab-frame position of the static marker; left out: found in the first frames."
     )
     name: str = Field("", description="Name of the rigid body, as in the tracker's software.")
+    clamp_direction: Point | None = Field(
+        None,
+        description="Which way the clamp holds the cable, from the clamp into the free cable: in the frame of the "
+        "rigid body or the TCP, of a static marker's clamp in the lab frame.",
+    )
+    clamp_sd_deg: float = Field(
+        2.0, gt=0, le=45, description="Standard deviation of clamp_direction; 2 degrees: by a ruler."
+    )
 
     @model_validator(mode="after")
-    def _fits_its_kind(self) -> AnchorConfig:
+    def _fits_its_kind(self) -> Self:
         if self.kind == "rigid_body" and not self.name:
             raise ValueError("kind = 'rigid_body' needs name = '…', the rigid body's name in the tracker's software")
         if self.kind != "rigid_body" and self.name:
             raise ValueError(f"name belongs to kind = 'rigid_body', not to '{self.kind}'")
         if self.kind != "static_marker" and self.position_m is not None:
             raise ValueError(f"position_m belongs to kind = 'static_marker', not to '{self.kind}'")
+        return self
+
+    @model_validator(mode="after")
+    def _direction_has_a_length(self) -> Self:
+        if self.clamp_direction is not None and not any(self.clamp_direction):
+            raise ValueError("clamp_direction is a vector of any length but zero")
+        if self.clamp_direction is not None and self.kind == "none":
+            raise ValueError("clamp_direction needs something that holds the cable, not kind = 'none'")
+        return self
+
+
+class AnchorConfig(HolderConfig):
+    """A known place on the cable, fixed in the lab or on a rigid body."""
+
+    kind: Literal["static_marker", "rigid_body", "none"] = Field(description="The paper's two cases, or no anchor.")
+
+
+class EndConfig(HolderConfig):
+    """The cable's other end."""
+
+    kind: Literal["static_marker", "rigid_body", "tcp", "none"] = Field(
+        description="As for the anchor; 'tcp': from the robot's TCP pose, by the calibration."
+    )
+    clamp_m: Point = Field((0.0, 0.0, 0.0), description="With kind = 'tcp': the cable's end in the TCP frame.")
+
+    @model_validator(mode="after")
+    def _clamp_is_at_the_tcp(self) -> Self:
+        if self.kind != "tcp" and any(self.clamp_m):
+            raise ValueError(f"clamp_m belongs to kind = 'tcp', not to '{self.kind}'")
         return self
 
 
@@ -206,7 +246,7 @@ class CableConfig(Section):
     )
     minimum_bend_radius_mm: float = Field(gt=0, description="Catalogue limit: a smaller radius is outcome FAIL.")
     anchor: AnchorConfig
-    end: AnchorConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")
+    end: EndConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")
 
     @model_validator(mode="after")
     def _markers_make_sense(self) -> CableConfig:
@@ -268,34 +308,6 @@ class AnalysisConfig(Section):
     )
 
 
-class SimulationConfig(Section):
-    """The simulated bench. Its presence makes ``bench run`` start it; a real bench has no such table."""
-
-    controller: Literal["e-series", "cb3", "polyscope-x"] = Field(
-        "e-series",
-        description="The simulated robot's controller: PolyScope 5; a CB3, 125 Hz and without remote control; or "
-        "PolyScope X, its Robot API on [robot] robot_api_port instead of a dashboard.",
-    )
-    seed: int = Field(1, ge=0, description="The same seed gives the same misses, ghosts and noise.")
-    cycle_s: float = Field(2.0, gt=0.1, le=3600, description="Duration of one pass along the path.")
-    tracker_rate_hz: float = Field(100.0, gt=0, le=1000, description="Exposures a second.")
-    noise_mm: float = Field(0.05, ge=0, le=10, description="Standard deviation of the markers' noise, per axis.")
-    miss_probability: float = Field(0.0, ge=0, le=1, description="Chance of each marker to be hidden in a frame.")
-    ghost_count: int = Field(0, ge=0, le=50, description="Ghost markers in each frame.")
-    robot_clock_ppm: float = Field(
-        25.0, ge=-500, le=500, description="How much faster than host time the robot's clock runs."
-    )
-    tracker_clock_ppm: float = Field(-42.0, ge=-500, le=500, description="The same for the tracker's clock.")
-    bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
-    weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")
-    remote_control: bool = Field(
-        True, description="False: the controller is in local mode, as when its pendant is in use."
-    )
-    admin_port: int = Field(
-        0, ge=0, le=65535, description="Port on the robot's address that takes commands for faults; 0: none."
-    )
-
-
 class Config(Section):
     """A whole configuration file."""
 
@@ -304,6 +316,7 @@ class Config(Section):
     tracker: TrackerConfig | None = None
     cable: CableConfig
     analysis: AnalysisConfig = Field(default_factory=AnalysisConfig)
+    calibration: CalibrationConfig = Field(default_factory=CalibrationConfig)
     policy: PolicyConfig = Field(default_factory=PolicyConfig)
     simulation: SimulationConfig | None = None
 

@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 
 from bench.analysis import describe_source
-from bench.config import Config, to_toml
+from bench.config import Calibration, Config, to_toml
 from bench.model import RunState
 from bench.recording import STATE, Run
 from bench.report.host_clock import describe_host_clock
@@ -68,6 +68,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Cycle source": _cycle_source(run, config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
         "Host clock": describe_host_clock(run),
+        **_calibration(config.calibration.measured),
         "Recorded on": recorded.get("host_name", ""),
         "Run id": recorded.get("run_id", ""),
     }
@@ -76,6 +77,14 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
             word for word in (device.kind, device.version, f"at {device.address}" if device.address else "") if word
         )
     return {name: text for name, text in facts.items() if text}
+
+
+def _calibration(calibration: Calibration | None) -> dict[str, str]:
+    if calibration is None:
+        return {}
+    time = calibration.time
+    offset = f"{time.offset_ms:+.3f} ms (sd {time.offset_sd_ms:.3f} ms) added to the tracker's times"
+    return {"Time offset": offset, "Calibration": f"{calibration.run_file}, calculated {calibration.created_utc}"}
 
 
 def _cycle_source(run: Run, config: Config) -> str:

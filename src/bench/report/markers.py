@@ -22,13 +22,13 @@ from bench.analysis import (
     match_body,
     spread_frames,
 )
-from bench.config import AnchorConfig, CableConfig, Config
+from bench.config import CableConfig, Config, EndConfig
 from bench.errors import AnalysisError
 from bench.model import UNLABELED
 from bench.recording import Run
 from bench.report.source import TrackerFrames
 
-__all__ = ["ChainStart", "find_chain_start", "make_sort_settings"]
+__all__ = ["ChainStart", "TrackedBodies", "find_chain_start", "make_sort_settings"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -49,6 +49,8 @@ class ChainStart:
     """(N,): points that may be the cable's."""
     anchor_m: Floats | None = None
     """(F, 3): where the chain starts, NaN where unknown; None for a cable without anchor."""
+    bodies: TrackedBodies | None = None
+    """None without a single point."""
     warnings: list[str] = field(default_factory=list)
     facts: dict[str, str] = field(default_factory=dict)
 
@@ -73,7 +75,7 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
         start.warnings.append("The tracker saw no markers: check the cameras' exposure and the markers' reflection.")
         start.anchor_m = np.full((len(frames), 3), np.nan)
         return start
-    bodies = _Bodies(run, frames)
+    start.bodies = bodies = TrackedBodies(run, frames)
     start.usable &= ~bodies.is_body
     anchor, end = config.cable.anchor, config.cable.end
     if end is not None:
@@ -92,7 +94,7 @@ def _is_labeled(flags: npt.NDArray[np.uint32]) -> Bools:
     return np.asarray((flags & HAS_MODEL != 0) & (flags & UNLABELED == 0), dtype=bool)
 
 
-class _Bodies:
+class TrackedBodies:
     """The recording's rigid bodies: poses by name, and which points are their own markers."""
 
     def __init__(self, run: Run, frames: TrackerFrames) -> None:
@@ -111,7 +113,7 @@ class _Bodies:
         """Return the body's centre of gravity in each frame, (F, 3)."""
         if body_id in self._centres:
             return self._centres[body_id]
-        position, _ = self._poses(body_id)
+        position, _ = self.poses(body_id)
         own = _is_labeled(self._frames.flags) & (self._frames.ids >> 16 == body_id)
         return centre_of_labeled(self._frames.points_m, self._frames.offsets, own, position)
 
@@ -127,7 +129,7 @@ class _Bodies:
         )
 
     def _match(self, body_id: int, name: str, markers_m: Floats) -> None:
-        position, quaternion = self._poses(body_id)
+        position, quaternion = self.poses(body_id)
         found = match_body(self._frames.points_m, self._frames.offsets, position, quaternion, markers_m)
         n_expected = int(np.isfinite(position[:, 0]).sum()) * len(markers_m)
         if found.is_body.sum() * 2 >= n_expected:
@@ -142,7 +144,8 @@ class _Bodies:
     def _has_labels(self, body_id: int) -> bool:
         return bool((_is_labeled(self._frames.flags) & (self._frames.ids >> 16 == body_id)).any())
 
-    def _poses(self, body_id: int) -> tuple[Floats, Floats]:
+    def poses(self, body_id: int) -> tuple[Floats, Floats]:
+        """Return the body's positions (F, 3) and quaternions (F, 4), NaN where it was not tracked."""
         bodies, n_frames = self._frames.bodies, len(self._frames)
         mine = bodies.body_id == body_id
         position, quaternion = np.full((n_frames, 3), np.nan), np.full((n_frames, 4), np.nan)
@@ -161,7 +164,7 @@ def _recorded_body_markers(run: Run) -> Mapping[str, Floats]:
     return {name: markers for name, markers in described.items() if len(markers)}
 
 
-def _body_anchor(start: ChainStart, bodies: _Bodies, name: str) -> Floats:
+def _body_anchor(start: ChainStart, bodies: TrackedBodies, name: str) -> Floats:
     anchor = bodies.centre(bodies.id_of(name))
     n_lost = int(np.isnan(anchor[:, 0]).sum())
     start.facts["Anchor"] = f"centre of gravity of the rigid body '{name}'"
@@ -173,7 +176,7 @@ def _body_anchor(start: ChainStart, bodies: _Bodies, name: str) -> Floats:
 
 
 def _exclude_end(
-    start: ChainStart, frames: TrackerFrames, end: AnchorConfig, bodies: _Bodies, table: CycleTable
+    start: ChainStart, frames: TrackerFrames, end: EndConfig, bodies: TrackedBodies, table: CycleTable
 ) -> None:
     """Take out the markers of the cable's other end; those of rigid bodies are out already."""
     if end.kind == "rigid_body":

@@ -14,6 +14,7 @@ from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
+from bench.report.ends import compare_last_marker, find_cable_ends
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start
@@ -70,11 +71,13 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     config = config or run.config
     load_topics(run)
     source = make_cycle_source(config.robot.cycle) if config.robot else None
-    frames, robot = read_frames(run), read_robot(run, source)
+    frames, robot = read_frames(run, config.calibration.offset_s), read_robot(run, source)
     account = read_account(run)
     placed = place_frames(frames, robot, config.analysis, account, count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)
-    traced = trace_cable(frames, start, config)
+    ends = find_cable_ends(frames, robot, start, config)
+    traced = trace_cable(frames, start, config, ends.end.position_m if ends.end else None)
+    end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
@@ -91,7 +94,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         exit_reason=end.reason,
         outcome=outcome,
         outcome_reasons=outcome_reasons,
-        run_facts=state_facts(run, frames, cycles, config) | start.facts,
+        run_facts=state_facts(run, frames, cycles, config) | start.facts | end_facts,
         arc_length_m=traced.arc_length_m,
         marker_arc_length_m=traced.marker_arc_length_m,
         frames=_frame_columns(frames, placed, traced),
@@ -105,10 +108,12 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         noted=read_noted(run),
         warnings=[
             *start.warnings,
+            *ends.warnings,
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
         ],
+        ends=ends.columns(len(frames)),
         analysis_s=time.perf_counter() - begin,
     )
 

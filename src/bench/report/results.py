@@ -10,7 +10,16 @@ import numpy.typing as npt
 from bench.config import Config
 from bench.model import Outcome, Severity
 
-__all__ = ["ClockFinding", "CycleColumns", "ExampleFrame", "FrameColumns", "NotedLine", "Results", "StreamFinding"]
+__all__ = [
+    "ClockFinding",
+    "CycleColumns",
+    "EndColumns",
+    "ExampleFrame",
+    "FrameColumns",
+    "NotedLine",
+    "Results",
+    "StreamFinding",
+]
 
 Floats = npt.NDArray[np.float64]
 Floats32 = npt.NDArray[np.float32]
@@ -123,6 +132,24 @@ class ExampleFrame:
 
 
 @dataclass(frozen=True, eq=False)
+class EndColumns:
+    """The cable's ends in each of the F frames: the columns of ``ends.parquet``, by the same names."""
+
+    anchor_tangent: Floats
+    """(F, 3): from the clamp into the free cable, lab frame; NaN where unknown, as in all of these."""
+    anchor_tangent_sigma_rad: Floats
+    """(F,)"""
+    end_position_m: Floats
+    """(F, 3): lab frame."""
+    end_position_sigma_m: Floats
+    """(F,): in the worst direction."""
+    end_tangent: Floats
+    """(F, 3): from the clamp into the free cable, lab frame."""
+    end_tangent_sigma_rad: Floats
+    """(F,)"""
+
+
+@dataclass(frozen=True, eq=False)
 class Results:
     """Everything the report says."""
 
@@ -161,5 +188,7 @@ class Results:
     """The run's log, in order."""
     warnings: list[str] = field(default_factory=list)
     """Sentences about the analysis itself that the reader must know."""
+    ends: EndColumns | None = None
+    """None where nothing tells more of the ends than the anchor's place."""
     analysis_s: float = float("nan")
     """Time the analysis took, on this machine."""

@@ -63,7 +63,7 @@ class TrackerFrames:
 
     frame_number: Ints
     time_ns: Ints
-    """Capture time by the offline clock map."""
+    """Capture time by the offline clock map, and by the calibrated offset if there is one."""
     points_m: npt.NDArray[np.float32]
     offsets: Ints
     ids: Array
@@ -85,6 +85,8 @@ class RobotSamples:
     counter: CounterColumns
     speed_rad_s: Floats
     """(n,): of the fastest joint, for each of the samples in `counter`; NaN where unknown."""
+    tcp_pose: Floats
+    """(n, 6): x, y, z (m) and rotation vector (rad) in the base frame, for each of them; NaN where unknown."""
     gaps: Gaps
     clocks: list[ClockFinding]
 
@@ -139,21 +141,30 @@ def read_noted(run: Run) -> list[NotedLine]:
     return [NotedLine(host_ns, severity, str(name), str(text)) for host_ns, severity, name, text in columns]
 
 
-def read_frames(run: Run) -> TrackerFrames:
-    """Read the tracker's frames and put them into host time."""
+def read_frames(run: Run, offset_s: float = 0.0) -> TrackerFrames:
+    """Read the tracker's frames and put them into host time.
+
+    Parameters
+    ----------
+    run : Run
+        The recording.
+    offset_s : float
+        A constant of the tracker's times that a calibration found: is added to them.
+    """
     frame, points = run[FRAME], run[POINTS]
     number, segment = _ints(frame.frame_number), _ints(frame.segment)
     clock = _align_tracker(run, segment)
+    time_ns = clock.host_ns + round(offset_s * NS)
     order = np.lexsort((number, segment))
     return TrackerFrames(
         frame_number=number,
-        time_ns=clock.host_ns,
+        time_ns=time_ns,
         points_m=points.points_m,
         offsets=_ints(points.offsets),
         ids=points.ids,
         flags=points.flags,
         bodies=_read_bodies(run),
-        gaps=find_gaps(number[order], segment[order], clock.host_ns[order]),
+        gaps=find_gaps(number[order], segment[order], time_ns[order]),
         clocks=_findings("tracker", clock, run),
     )
 
@@ -186,7 +197,8 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     # the field and not the message's own number, which is 32 bits wide
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
-    return RobotSamples(source, counter, speed_rad_s, gaps, _findings("robot", clock, run))
+    tcp_pose = np.asarray(state.tcp_pose, dtype=np.float64)[order]
+    return RobotSamples(source, counter, speed_rad_s, tcp_pose, gaps, _findings("robot", clock, run))
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:

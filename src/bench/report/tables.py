@@ -25,6 +25,8 @@ __all__ = ["TABLE_FILES", "verify_folder_is_free", "write_summary", "write_table
 
 TABLE_FILES = ("cycles.parquet", "markers.parquet", "curvature.parquet", "summary.json")
 """What `write_tables` leaves in the folder."""
+ENDS_FILE = "ends.parquet"
+"""And this one, where the cable's ends are known."""
 ROWS_PER_GROUP = 20_000
 """Row groups hold whole cycles up to this many frames: a reader that wants one cycle reads 1 to 9 MB."""
 ZSTD_LEVEL = 3
@@ -33,7 +35,7 @@ ZSTD_LEVEL = 3
 Array = npt.NDArray[Any]
 
 
-def verify_folder_is_free(folder: Path, names: tuple[str, ...] = TABLE_FILES) -> None:
+def verify_folder_is_free(folder: Path, names: tuple[str, ...] = (*TABLE_FILES, ENDS_FILE)) -> None:
     """Raise `RecordingExistsError` if the folder holds any of the files that would be written."""
     taken = [name for name in names if (folder / name).exists()]
     if taken:
@@ -64,6 +66,8 @@ def write_tables(results: Results, folder: Path) -> list[Path]:
         "curvature.parquet": lambda path: _write_frames(results, path, _curvature),
         "summary.json": lambda path: write_summary(results, path),
     }
+    if results.ends is not None:
+        writers[ENDS_FILE] = lambda path: _write_frames(results, path, _ends)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         verify_folder_is_free(folder)
@@ -133,6 +137,15 @@ def _curvature(results: Results, rows: slice) -> dict[str, Any]:
     }
 
 
+def _ends(results: Results, rows: slice) -> dict[str, Any]:
+    if results.ends is None:
+        return {}
+    columns = ((field.name, getattr(results.ends, field.name)[rows]) for field in fields(results.ends))
+    return _keys(results, rows) | {
+        name: _lists(values) if values.ndim == 2 else pa.array(values) for name, values in columns
+    }
+
+
 def _lists(values: Array) -> Any:
     return pa.FixedSizeListArray.from_arrays(pa.array(np.ascontiguousarray(values).ravel()), values.shape[1])
 
@@ -177,7 +190,7 @@ def _is_float_list(kind: Any) -> bool:
 
 def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
-    bend = find_tightest_bend(results)
+    bend, calibration = find_tightest_bend(results), results.config.calibration.measured
     row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
     summary: dict[str, Any] = _jsonable(
         {
@@ -197,6 +210,7 @@ def _summary(results: Results) -> dict[str, Any]:
             "max_curvature_arc_length_m": cycles.max_curvature_arc_length_m[row] if row >= 0 else math.nan,
             "max_curvature_cycle_index": cycles.cycle_index[row] if row >= 0 else None,
             "streams": [asdict(stream) for stream in results.streams],
+            "calibration": calibration.model_dump(mode="json") if calibration else None,
             "clocks": [asdict(clock) for clock in results.clocks],
             "attention": {str(index): reasons for index, reasons in results.attention.items()},
             "warnings": results.warnings,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import get_args
 
+from bench.config import SimulationConfig
 from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
 from bench.simulation.ur import UrController
@@ -223,12 +225,39 @@ def _plc_machine_commands(robot: ModbusController) -> dict[str, _Command]:
 
 
 def _tracker_commands(tracker: NatNetServer) -> dict[str, _Command]:
+    def restart(_text: str) -> None:
+        tracker.act(tracker.restart)
+
+    def change_version(name: str) -> None:
+        known = get_args(SimulationConfig.model_fields["natnet_version"].annotation)
+        if name not in known:
+            raise ValueError(f"'{name}' is none of {', '.join(known)}")
+        tracker.act(lambda: tracker.change_version(name))
+
+    def jump(text: str) -> None:
+        n_numbers = _count(text)
+        tracker.act(lambda: tracker.jump(n_numbers))
+
+    def lose(text: str) -> None:
+        tracker.delivery.lose_next = _count(text)
+
+    def double(text: str) -> None:
+        tracker.delivery.double_next = _count(text)
+
     return {
         "tracker_stall": _Command(
             "SECONDS",
             "the tracker sends and answers nothing; the frames never come",
             lambda text: tracker.stall(_seconds(text)),
-        )
+        ),
+        "tracker_restart": _Command("", "as switched off and on: another clock and other frame numbers", restart),
+        "tracker_version": _Command("X.Y", "speak another NatNet version, to everyone at once", change_version),
+        "tracker_body": _Command(
+            "NAME", "define a rigid body that no camera sees", lambda name: tracker.act(lambda: tracker.add_body(name))
+        ),
+        "tracker_jump": _Command("N", "leave out N frame numbers", jump),
+        "tracker_lose": _Command("N", "the next N frames get lost on their way", lose),
+        "tracker_double": _Command("N", "the next N frames come twice", double),
     }
 
 

@@ -10,13 +10,12 @@ import numpy as np
 from bench.config import AnyRobotConfig, Config, RobotConfig, SimulationConfig, TrackerConfig
 from bench.errors import ConfigError
 from bench.simulation.admin import AdminServer
-from bench.simulation.cable import Cable
 from bench.simulation.device_clock import DeviceClock
 from bench.simulation.modbus import ModbusController
 from bench.simulation.natnet import NatNetServer
-from bench.simulation.path import JointPath
+from bench.simulation.natnet.timing import stamp_delay_s
 from bench.simulation.program import PathProgram
-from bench.simulation.scene import Scene, make_layout
+from bench.simulation.scene import Scene, make_path
 from bench.simulation.scheduler import Scheduler
 from bench.simulation.truth import TruthWriter
 from bench.simulation.ur import KINDS, ControllerKind, UrController
@@ -63,13 +62,13 @@ class SimulatedBench:
         self._simulation = config.simulation or SimulationConfig()
         self._clock = clock
         self.scheduler = Scheduler(clock)
-        path = JointPath(make_layout(config).path_amplitude)
+        path = make_path(config)
         rest_s = 0.0 if config.robot.cycle.is_granted else FREE_REST_S
         cycle_s = self._simulation.cycle_s
         self.program = PathProgram(config.robot.program, cycle_s=cycle_s, path=path, rest_s=rest_s)
         self.scene = Scene(config, self.program)
         self._truth: TruthWriter | None = None
-        self._open_truth = partial(_open_truth, truth, config, self.scene.cable)
+        self._open_truth = partial(_open_truth, truth, config, self.scene)
         started_ns = clock.now_ns()
         self.robot = self._make_robot(config.robot, started_ns)
         self.tracker = self._make_tracker(config.tracker, started_ns)
@@ -173,9 +172,9 @@ class SimulatedBench:
             self.scheduler,
             self._clock,
             tracker_clock=DeviceClock(started_ns, TRACKER_TICKS_AT_START, TRACKER_TICKS_PER_S, ppm),
-            rate_hz=self._simulation.tracker_rate_hz,
             command_port=tracker.command_port,
             data_port=DATA_PORT,
+            simulation=self._simulation,
         )
 
 
@@ -184,9 +183,11 @@ def _controller_rate_hz(asked_hz: float, kind: ControllerKind) -> float:
     return SLOW_RATE_HZ if SLOW_RATE_HZ % asked_hz == 0.0 else kind.rate_hz
 
 
-def _open_truth(path: Path | None, config: Config, cable: Cable) -> TruthWriter | None:
+def _open_truth(path: Path | None, config: Config, scene: Scene) -> TruthWriter | None:
     if path is None:
         return None
     markers = config.cable.arc_length_m
     arc_length_m = np.linspace(markers[0], markers[-1], config.analysis.arc_length_samples)
-    return TruthWriter(path, cable.curvature(arc_length_m), arc_length_m, len(markers))
+    delay_s = stamp_delay_s(config.simulation or SimulationConfig())
+    facts = {**scene.facts(), "tracker_stamp_delay_s": delay_s}
+    return TruthWriter(path, scene.cable.curvature(arc_length_m), arc_length_m, len(markers), facts)

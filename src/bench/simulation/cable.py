@@ -25,6 +25,8 @@ N_PLACES = 192
 FEWEST_SEGMENTS, MOST_SEGMENTS = 150, 1500
 SEGMENTS_PER_DECAY = 15
 """Bending at a clamp decays over sqrt(EI / tension); so many segments within that give its peak to 0.1 %."""
+TANGENT_STEP_M = 1e-4
+"""Differences over twice this length give a tangent to 1e-6."""
 CLOSURE_RAD = 1e-6
 """The shape after a whole path must be the one before it; another branch differs by tenths of a radian."""
 
@@ -65,8 +67,9 @@ class PlaceTable:
 class Cable:
     """A heavy, flexible cable clamped at the pole and at the robot's flange, always at rest (quasi-static).
 
-    It hangs in the vertical plane in which the flange moves, so it neither twists nor leaves that plane. Measured on
-    real flange motions up to 0.5 m/s, leaving out its inertia is worth 1 to 3 mm.
+    It hangs in the vertical plane in which the flange moves, so it neither twists nor leaves that plane; where that
+    plane swings, the pole's clamp swivels with it and the flange's lets the cable turn. Measured on real flange motions
+    up to 0.5 m/s, leaving out its inertia is worth 1 to 3 mm.
 
     Parameters
     ----------
@@ -119,7 +122,18 @@ class Cable:
         held: tuple[_Slope, _Slope] = ((1, tangents[:, :, 0]), (1, tangents[:, :, 1]))
         spline = CubicSpline(self._arc_length_m, nodes, axis=2, bc_type=held)
         in_plane = np.moveaxis(spline(np.asarray(arc_length_m, dtype=np.float64)), 1, 2)
-        return self.layout.plane_to_lab(in_plane + np.array(self.layout.pole_in_plane_m))
+        return self._swing(self.layout.plane_to_lab(in_plane + np.array(self.layout.pole_in_plane_m)))
+
+    def axes_along_path(self, arc_length_m: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Return two unit vectors across the cable, each (n_places, k, 3): normal to its plane, and up in its plane."""
+        places = np.asarray(arc_length_m, dtype=np.float64)
+        before = self.points_along_path(np.maximum(places - TANGENT_STEP_M, 0.0))
+        after = self.points_along_path(np.minimum(places + TANGENT_STEP_M, self.length_m))
+        tangent = (after - before) / np.linalg.norm(after - before, axis=2, keepdims=True)
+        ends = self.points_along_path((0.0, self.length_m))
+        side = np.cross(ends[:, 1] - ends[:, 0], self.layout.up)
+        side = np.broadcast_to((side / np.linalg.norm(side, axis=1, keepdims=True))[:, None], tangent.shape)
+        return side, np.cross(side, tangent)
 
     def flange_quaternions(self) -> Floats:
         """Return the flange's turn (n_places, 4), x, y, z, w in the lab frame, without jumps of sign."""
@@ -135,6 +149,13 @@ class Cable:
         nodal = np.array([self._rod.curvature(shape) for shape in self._shapes])
         spline = CubicSpline(self._arc_length_m, nodal, axis=1)
         return PlaceTable(spline(np.asarray(arc_length_m, dtype=np.float64)))
+
+    def _swing(self, points_m: Floats) -> Floats:
+        """Turn the plane of each place (n_places, k, 3) about the vertical through the pole, as the path has it."""
+        pole = self.layout.plane_to_lab(np.array(self.layout.pole_in_plane_m))
+        swing_rad = self.path.swing_rad(np.linspace(0.0, 1.0, self.n_places))
+        turns = Rotation.from_rotvec(swing_rad[:, None] * self.layout.up).as_matrix()
+        return np.asarray((points_m - pole) @ np.swapaxes(turns, 1, 2) + pole)
 
     def _solve(self) -> list[Shape]:
         pole = self.layout.pole_in_plane_m

@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from bench.errors import ConfigError
 from bench.simulation.kinematics import D_M
-from bench.simulation.path import BASE_JOINT_RAD, FLANGE_CENTRE_M
+from bench.simulation.path import BASE_JOINT_RAD, FLANGE_CENTRE_M, Swing
 
 __all__ = ["POLE_CLAMP_RAD", "Layout"]
 
@@ -25,6 +25,9 @@ POLE_RISE_RATIO = 0.05
 """The pole's clamp is higher than the middle of the path by this share of the cable's length."""
 POLE_CLAMP_RAD = -0.8
 """The cable leaves the pole towards the robot and down: with the tool's swing, min radii of 90 to 250 mm at 1.2 m."""
+WIDEST_SWING_RAD = 0.25
+WIDEST_SWING_M = 0.2
+"""How far a calibration swings the flange to either side of its plane: within the arm's reach, however far the pole."""
 LAB_HEADING_RAD = 2.1
 """Turn of the lab frame about the vertical against the base frame."""
 LAB_FROM_BASE_M = (1.31, 1.62, -0.47)
@@ -62,12 +65,33 @@ class Layout:
         return x - SPAN_RATIO * self.length_m, y + POLE_RISE_RATIO * self.length_m
 
     @property
+    def middle_m(self) -> Floats:
+        """(3,): half-way between pole and the middle of the path, lab frame."""
+        return self.plane_to_lab((np.array(self.pole_in_plane_m) + FLANGE_CENTRE_M) / 2.0)
+
+    @property
+    def swing(self) -> Swing:
+        """How the path swings about the pole in a calibration."""
+        x, y, _ = _plane_to_base(np.array(self.pole_in_plane_m)).tolist()
+        return Swing((x, y), min(WIDEST_SWING_RAD, WIDEST_SWING_M / (SPAN_RATIO * self.length_m)))
+
+    @property
     def lab_rotation(self) -> Floats:
         """(3, 3): turns base frame vectors into lab frame vectors."""
         c, s = np.cos(LAB_HEADING_RAD), np.sin(LAB_HEADING_RAD)
         heading = np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
         z_up_to_y_up = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
         return np.asarray(heading @ z_up_to_y_up)
+
+    @property
+    def up(self) -> Floats:
+        """(3,): upwards in the lab frame."""
+        return np.asarray(self.lab_rotation[:, 2])
+
+    @property
+    def ahead(self) -> Floats:
+        """(3,): horizontal in the lab frame, from the pole to the robot."""
+        return np.asarray(self.lab_rotation @ np.array([np.cos(BASE_JOINT_RAD), np.sin(BASE_JOINT_RAD), 0.0]))
 
     @property
     def lab_shift_m(self) -> Floats:

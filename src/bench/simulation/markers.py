@@ -2,39 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from bench.config import AnchorConfig, Config
+from bench.config import Config, SimulationConfig
 from bench.errors import ConfigError
+from bench.model import RigidBody
+from bench.simulation.bodies import BODY_SIZE, BodyTable, make_bodies
 from bench.simulation.cable import Cable, PlaceTable
 
-__all__ = ["BODY_OFFSETS_M", "Body", "Markers"]
+__all__ = ["Markers"]
 
 Floats = npt.NDArray[np.float64]
 
-BODY_OFFSETS_M = np.array([[0.06, 0.01, -0.02], [-0.05, 0.03, -0.02], [0.01, -0.07, -0.01], [-0.02, 0.03, 0.05]])
-"""(4, 3): markers of a rigid body about its centre of gravity, no two of them at the same distance from another."""
 CLOSEST_M = 0.01
 """Size of a marker."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Body:
-    """A rigid body whose centre of gravity is an end of the cable."""
-
-    body_id: int
-    name: str
-    quaternions: Floats
-    """(n, 4): x, y, z, w along the path, or one row where it stands still."""
-
-    def marker_offsets(self) -> Floats:
-        """Return (n, 4, 3): its markers about its centre in the lab frame, along the path."""
-        turns = Rotation.from_quat(self.quaternions).as_matrix()
-        return np.asarray(np.einsum("nij,mj->nmi", turns, BODY_OFFSETS_M))
+MOST_OF_GAP = 0.4
+"""A marker is placed wrongly by at most this share of the distance to the next one: their order is known."""
+MOUNTING_STREAM = 1
+"""Of the seed: what is drawn here is the same whatever else is."""
 
 
 class Markers:
@@ -43,7 +29,7 @@ class Markers:
     Parameters
     ----------
     config : Config
-        The cable's markers, its anchor and its end.
+        The cable's markers, its anchor and its end, the flange's body.
     cable : Cable
         Whose shape carries them.
     """
@@ -56,58 +42,37 @@ class Markers:
                 f"The first marker, at {config.cable.arc_length_m[0]:g} m, lies on the pole's static marker.",
                 hint=f"Put it at {CLOSEST_M:g} m or beyond: markers closer than their own size are seen as one.",
             )
-        self.bodies = _make_bodies(config.cable.anchor, config.cable.end, cable)
-        self._table = PlaceTable(self._positions(config, cable))
-        self._quaternions = PlaceTable(_stack_quaternions(self.bodies, cable.n_places))
+        self.bodies = make_bodies(config, cable)
+        self._mount(config)
+        self.table = PlaceTable(self._positions(cable))
+        """(n_markers, 3): lab frame positions of all of them."""
+        self._body_table = BodyTable(self.bodies, cable.n_places)
+
+    def _mount(self, config: Config) -> None:
+        simulation = config.simulation or SimulationConfig()
+        rng = np.random.default_rng((simulation.seed, MOUNTING_STREAM))
+        wanted_m = np.array(config.cable.arc_length_m)
+        gaps_m = np.diff(wanted_m, prepend=0.0, append=config.cable.length_m)
+        error_m = rng.normal(scale=simulation.placement_sd_mm * 1e-3, size=self.n_cable)
+        self.arc_length_m = wanted_m + np.clip(error_m, -MOST_OF_GAP * gaps_m[:-1], MOST_OF_GAP * gaps_m[1:])
+        """(k,): where each of the cable's markers really is."""
+        self.offsets_m = rng.normal(scale=simulation.mounting_sd_mm * 1e-3, size=(2, self.n_cable))
+        """(2, k): how far each of them is to the side of the centreline, and above it."""
 
     @property
     def n_loose(self) -> int:
         """Markers that belong to no rigid body."""
         return self.n_cable + self.has_static
 
-    @property
-    def n_markers(self) -> int:
-        return self.n_loose + len(BODY_OFFSETS_M) * len(self.bodies)
+    def measure_bodies(self, place: float, noise_m: Floats) -> tuple[RigidBody, ...]:
+        """Return the bodies as the tracker fits them to their markers, which it measures with `noise_m`."""
+        return self._body_table.measure(place, noise_m) if self.bodies else ()
 
-    def positions_at(self, place: float) -> Floats:
-        """Return (n_markers, 3) lab frame positions at one place of the path."""
-        return self._table.at(place)
-
-    def quaternions_at(self, place: float) -> Floats:
-        """Return (n_bodies, 4) unit quaternions x, y, z, w."""
-        q = self._quaternions.at(place)
-        return np.asarray(q / np.sqrt((q * q).sum(axis=1, keepdims=True)))
-
-    def _positions(self, config: Config, cable: Cable) -> Floats:
-        on_cable = cable.points_along_path(config.cable.arc_length_m)
-        ends = cable.points_along_path((0.0, cable.length_m))
-        parts = [on_cable]
+    def _positions(self, cable: Cable) -> Floats:
+        side, above = cable.axes_along_path(self.arc_length_m)
+        off_m = self.offsets_m[0, :, None] * side + self.offsets_m[1, :, None] * above
+        parts = [cable.points_along_path(self.arc_length_m) + off_m]
         if self.has_static:
-            parts.append(ends[:, :1])
-        for body in self.bodies:
-            centre = ends[:, :1] if body.name == config.cable.anchor.name else ends[:, 1:]
-            parts.append(centre + body.marker_offsets())
+            parts.append(cable.points_along_path((0.0,)))
+        parts += [np.broadcast_to(body.marker_positions(), (cable.n_places, BODY_SIZE, 3)) for body in self.bodies]
         return np.concatenate(parts, axis=1)
-
-
-def _make_bodies(anchor: AnchorConfig, end: AnchorConfig | None, cable: Cable) -> list[Body]:
-    if end is not None and end.kind == "static_marker":
-        raise ConfigError(
-            "The simulated cable's end moves with the robot: [cable.end] kind = 'static_marker' cannot be simulated.",
-            hint="Use kind = 'rigid_body', or leave [cable.end] out.",
-        )
-    bodies = []
-    if anchor.kind == "rigid_body":
-        bodies.append(Body(1, anchor.name, Rotation.from_rotvec([[0.3, -0.8, 0.2]]).as_quat()))
-    if end is not None and end.kind == "rigid_body":
-        if end.name == anchor.name:
-            raise ConfigError(f"[cable.anchor] and [cable.end] both name the rigid body '{end.name}'.")
-        bodies.append(Body(len(bodies) + 1, end.name, cable.flange_quaternions()))
-    return bodies
-
-
-def _stack_quaternions(bodies: list[Body], n_places: int) -> Floats:
-    stacked = np.empty((n_places, len(bodies), 4))
-    for index, body in enumerate(bodies):
-        stacked[:, index] = body.quaternions
-    return stacked

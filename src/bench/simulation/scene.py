@@ -3,32 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import PurePath
 
 import numpy as np
 import numpy.typing as npt
 
 from bench.config import Config, SimulationConfig
-from bench.model import UNLABELED, RigidBody
+from bench.model import RigidBody
+from bench.simulation.bodies import BODY_SIZE
 from bench.simulation.cable import Cable
-from bench.simulation.ghosts import Ghosts
+from bench.simulation.ghosts import Ghosts, draw_reflections
 from bench.simulation.layout import Layout
-from bench.simulation.markers import BODY_OFFSETS_M, Markers
+from bench.simulation.markers import Markers
 from bench.simulation.path import JointPath
+from bench.simulation.points import Points
 from bench.simulation.program import Motion, PathProgram
+from bench.simulation.sight import Occlusion, SelfOcclusion
 
-__all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout"]
+__all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout", "make_path"]
 
-POINT_CLOUD_SOLVED = 0x02
-HAS_MODEL = 0x08
-UNLABELED_FLAGS = UNLABELED | POINT_CLOUD_SOLVED
-LABELED_FLAGS = HAS_MODEL | POINT_CLOUD_SOLVED
-"""NatNet marker parameters as real packets have them: 18 and 10."""
-FIRST_LOOSE_ID = 50_001
-"""Motive numbers unlabeled points from about here; a real recording has 50007."""
-MARKER_SIZE_M = (0.008, 0.011)
-RESIDUAL_M = (0.00022, 0.00069)
-"""Range of the residual field in a real recording, steady for each marker."""
+CALIBRATION_PROGRAM = "calibrate"
+"""A [robot] program of this name, whatever its ending, moves the flange in space and turns it about three axes."""
+
+FEWEST_MEMBERS = 3
+"""A body of which fewer markers are seen is not tracked."""
 
 TruthSink = Callable[[int, int, Motion, npt.NDArray[np.int16]], None]
 """Takes frame number, mid-exposure host time, motion, and the index of each of the cable's markers in the frame."""
@@ -54,6 +53,13 @@ def make_layout(config: Config) -> Layout:
     return Layout(config.cable.length_m, config.cable.anchor.position_m)
 
 
+def make_path(config: Config) -> JointPath:
+    """Return the path that the program of a configuration goes along."""
+    layout = make_layout(config)
+    calibrates = config.robot is not None and PurePath(config.robot.program).stem == CALIBRATION_PROGRAM
+    return JointPath(layout.path_amplitude, layout.swing if calibrates else None)
+
+
 def make_cable(config: Config, path: JointPath) -> Cable:
     """Solve the cable of a configuration along a path. `ConfigError` if it cannot be simulated."""
     simulation = config.simulation or SimulationConfig()
@@ -66,9 +72,9 @@ def make_cable(config: Config, path: JointPath) -> Cable:
 
 
 class Scene:
-    """The cable's markers, its anchors and the ghosts, seen with noise and gaps, in shuffled order.
+    """The cable's markers, its anchors, ghosts and reflections, seen with noise and gaps.
 
-    Everything random comes from one generator with the configured seed and depends on the order of exposures only.
+    Everything random comes from the configured seed and depends on the order of exposures only.
 
     Parameters
     ----------
@@ -90,84 +96,89 @@ class Scene:
         self.truth = truth
         """May be given before the first exposure."""
         self.cable = cable or make_cable(config, program.path)
-        self._markers = Markers(config, self.cable)
-        self._noise_m = simulation.noise_mm * 1e-3
-        self._miss_probability = simulation.miss_probability
-        self._rng = np.random.default_rng(simulation.seed)
-        self._ghosts = Ghosts(simulation.ghost_count, self._rng)
-        self.bodies = {body.body_id: (body.name, BODY_OFFSETS_M.copy()) for body in self._markers.bodies}
+        self._markers = markers = Markers(config, self.cable)
+        self._flange_body = config.calibration.flange_body
+        self._rng = rng = np.random.default_rng(simulation.seed)
+        self._occlusion = Occlusion(simulation, markers.n_loose, rng)
+        self._shadow: SelfOcclusion | None = None
+        if simulation.camera_count:
+            self._shadow = SelfOcclusion(simulation.camera_count, self.cable.layout, program.path, markers.table)
+        self._ghosts = Ghosts(simulation.ghost_count, simulation.ghost_near_share, rng)
+        start_m = markers.table.at(0.0)[: markers.n_cable]
+        self._reflections_m = draw_reflections(simulation.reflection_count, start_m, rng)
+        self._points = Points(
+            markers.n_loose,
+            simulation.ghost_count,
+            simulation.reflection_count,
+            [body.body_id for body in markers.bodies],
+            shuffles=simulation.order == "shuffle",
+            rng=rng,
+        )
+        self._noise_m = np.full((len(self._points), 1), simulation.noise_mm * 1e-3)
+        shaky = slice(markers.n_loose + simulation.ghost_count, self._points.first_member)
+        self._noise_m[shaky] = np.hypot(simulation.noise_mm, simulation.reflection_jitter_mm) * 1e-3
+        self.bodies = {body.body_id: (body.name, body.markers_m.copy()) for body in markers.bodies}
         """Rigid bodies by id: name and (4, 3) marker offsets in the body's own coordinates."""
-        self._prepare_points(simulation.ghost_count)
+        self._last_bodies: dict[int, RigidBody] = {}
 
     def expose(self, frame_number: int, host_ns: int) -> Exposure:
         """Return what is seen at `host_ns`, and hand the truth of it to the truth's sink."""
         motion = self._program.motion_at(host_ns)
-        markers, n_loose = self._markers, self._markers.n_loose
-        true_m = markers.positions_at(motion.place)
-        self._new_ids(n_loose + self._ghosts.step(true_m[: markers.n_cable]))
-        all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, true_m[n_loose:]])
-        noise = self._rng.normal(scale=self._noise_m, size=all_m.shape)
-        order = self._rng.permutation(self._see())
+        points, n_loose = self._points, self._points.n_loose
+        true_m = self._markers.table.at(motion.place)
+        points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
+        all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, self._reflections_m, true_m[n_loose:]])
+        noise = self._rng.standard_normal(all_m.shape) * self._noise_m
+        bodies = self._hide(motion.place, noise[points.first_member :])
+        order = points.order()
         if self.truth is not None:
             self.truth(frame_number, host_ns, motion, self._sources(order))
         return Exposure(
             (all_m + noise)[order].astype(np.float32),
-            self._ids[order],
-            self._flags[order],
-            self._size_m[order],
-            self._residual_m[order],
-            self._pose_bodies(motion.place, all_m, noise),
+            points.ids[order],
+            points.flags[order],
+            points.size_m[order],
+            points.residual_m[order],
+            bodies,
         )
 
-    def _prepare_points(self, n_ghosts: int) -> None:
-        # Every point that can ever be seen has its fixed place: loose markers, ghosts, bodies' markers.
-        n_loose, n_bodies = self._markers.n_loose, len(self._markers.bodies)
-        self._first_member = n_loose + n_ghosts
-        n_points = self._first_member + len(BODY_OFFSETS_M) * n_bodies
-        self._ids = np.zeros(n_points, dtype=np.uint32)
-        self._next_id = FIRST_LOOSE_ID
-        self._new_ids(np.arange(self._first_member))
-        members = np.arange(1, len(BODY_OFFSETS_M) + 1, dtype=np.uint32)
-        for index, body in enumerate(self._markers.bodies):
-            start = self._first_member + index * len(members)
-            self._ids[start : start + len(members)] = (body.body_id << 16) | members
-        self._flags = np.full(n_points, UNLABELED_FLAGS, dtype=np.uint32)
-        self._flags[self._first_member :] = LABELED_FLAGS
-        self._size_m = self._rng.uniform(*MARKER_SIZE_M, n_points).astype(np.float32)
-        self._residual_m = self._rng.uniform(*RESIDUAL_M, n_points).astype(np.float32)
-        self._visible = np.ones(n_points, dtype=np.bool_)
+    def facts(self) -> dict[str, object]:
+        """Return what an analysis has to find out, as JSON has it: for the truth file."""
+        layout, markers = self.cable.layout, self._markers
+        on_flange = next((body for body in markers.bodies if body.name == self._flange_body), None)
+        base_to_lab = {"rotation": layout.lab_rotation.ravel().tolist(), "shift_m": layout.lab_shift_m.tolist()}
+        return {
+            "base_to_lab": base_to_lab,
+            "flange_body": None if on_flange is None else on_flange.facts(),
+            "marker_arc_length_m": markers.arc_length_m.tolist(),
+            "marker_side_m": markers.offsets_m[0].tolist(),
+            "marker_above_m": markers.offsets_m[1].tolist(),
+        }
 
-    def _new_ids(self, points: npt.NDArray[np.intp]) -> None:
-        # As Motive does: a point that appears gets a number that was never used.
-        if len(points):
-            self._ids[points] = np.arange(self._next_id, self._next_id + len(points), dtype=np.uint32)
-            self._next_id += len(points)
+    def _hide(self, place: float, members_noise_m: npt.NDArray[np.float64]) -> tuple[RigidBody, ...]:
+        """Hide what is hidden in this frame and return the bodies as the tracker sees them."""
+        hidden = self._occlusion.step()
+        if self._shadow is None:
+            self._points.hide(hidden)
+            return self._markers.measure_bodies(place, members_noise_m)
+        shadow = self._shadow.at(place)
+        n_loose = self._points.n_loose
+        self._points.hide(hidden | shadow[:n_loose])
+        # What the tracker fills in for a hidden marker of a body follows from the others.
+        members_noise_m[shadow[n_loose:]] = 0.0
+        lost = shadow[n_loose:].reshape(-1, BODY_SIZE).sum(axis=1) > BODY_SIZE - FEWEST_MEMBERS
+        self._points.hide_members(shadow[n_loose:], lost)
+        bodies = self._markers.measure_bodies(place, members_noise_m)
+        return tuple(self._track(body, bool(is_lost)) for body, is_lost in zip(bodies, lost, strict=True))
 
-    def _see(self) -> npt.NDArray[np.intp]:
-        """Draw which points are seen; loose markers that come back have new numbers."""
-        if self._miss_probability == 0.0:
-            return np.arange(len(self._ids))
-        n_loose = self._markers.n_loose
-        seen = self._rng.random(n_loose) >= self._miss_probability
-        self._new_ids(np.flatnonzero(seen & ~self._visible[:n_loose]))
-        self._visible[:n_loose] = seen
-        return np.flatnonzero(self._visible)
+    def _track(self, body: RigidBody, is_lost: bool) -> RigidBody:
+        """Return a body, or its last pose and that it is not tracked."""
+        if is_lost:
+            return replace(self._last_bodies.get(body.body_id, body), tracking_valid=False)
+        self._last_bodies[body.body_id] = body
+        return body
 
     def _sources(self, order: npt.NDArray[np.intp]) -> npt.NDArray[np.int16]:
-        place_in_list = np.full(len(self._ids), -1, dtype=np.int16)
+        place_in_list = np.full(len(self._points), -1, dtype=np.int16)
         place_in_list[order] = np.arange(len(order), dtype=np.int16)
         return place_in_list[: self._markers.n_cable]
-
-    def _pose_bodies(
-        self, place: float, all_m: npt.NDArray[np.float64], noise: npt.NDArray[np.float64]
-    ) -> tuple[RigidBody, ...]:
-        """Return the bodies as the tracker fits them: the centre of gravity of the markers it measured."""
-        bodies, size = self._markers.bodies, len(BODY_OFFSETS_M)
-        if not bodies:
-            return ()
-        shape = (len(bodies), size, 3)
-        centres = (all_m + noise)[self._first_member :].reshape(shape).mean(axis=1).tolist()
-        errors = np.sqrt((noise[self._first_member :].reshape(shape) ** 2).sum(axis=2)).mean(axis=1).tolist()
-        quaternions = self._markers.quaternions_at(place).tolist()
-        rows = zip(bodies, centres, quaternions, errors, strict=True)
-        return tuple(RigidBody(b.body_id, (x, y, z), tuple(q), error) for b, (x, y, z), q, error in rows)

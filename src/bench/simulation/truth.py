@@ -9,6 +9,7 @@ import json
 import logging
 import queue
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,8 @@ class TruthWriter:
         Where it is given.
     n_markers : int
         Markers on the cable.
+    facts : mapping
+        What is the same in all frames, as JSON has it: goes into the file's metadata key ``scene``.
 
     Raises
     ------
@@ -57,12 +60,17 @@ class TruthWriter:
     """
 
     def __init__(
-        self, path: Path, curvature: PlaceTable, arc_length_m: npt.NDArray[np.float64], n_markers: int
+        self,
+        path: Path,
+        curvature: PlaceTable,
+        arc_length_m: npt.NDArray[np.float64],
+        n_markers: int,
+        facts: Mapping[str, object],
     ) -> None:
         self._path = path
         self._active = path.with_name(path.name + ".active")
         self._curvature = curvature
-        self._schema = _make_schema(n_markers, arc_length_m)
+        self._schema = _make_schema(n_markers, arc_length_m, facts)
         self._rows: list[Row] = []
         self._lots: queue.SimpleQueue[list[Row] | None] = queue.SimpleQueue()
         self._failure: Exception | None = None
@@ -150,7 +158,7 @@ class TruthWriter:
         self._writer.write_table(pa.Table.from_arrays(columns, schema=self._schema))
 
 
-def _make_schema(n_markers: int, arc_length_m: npt.NDArray[np.float64]) -> pa.Schema:
+def _make_schema(n_markers: int, arc_length_m: npt.NDArray[np.float64], facts: Mapping[str, object]) -> pa.Schema:
     return pa.schema(
         [
             ("frame_number", pa.int64()),
@@ -160,7 +168,7 @@ def _make_schema(n_markers: int, arc_length_m: npt.NDArray[np.float64]) -> pa.Sc
             ("source", pa.list_(pa.int16(), n_markers)),
             ("curvature_per_m", pa.list_(pa.float32(), len(arc_length_m))),
         ],
-        metadata={"arc_length_m": json.dumps(arc_length_m.tolist())},
+        metadata={"arc_length_m": json.dumps(arc_length_m.tolist()), "scene": json.dumps(facts)},
     )
 
 

@@ -339,7 +339,8 @@ def test_help_names_every_command(admin):
     names = {line.split()[0] for line in lines}
     links = {"stall", "burst", "delay", "skip", "fin", "rst", "half_open", "hold_register", "release_register"}
     robot = {"reboot", "protective_stop", "safeguard_stop", "emergency_stop", "slider", "local", "foreign_program"}
-    assert names == links | robot | {"pause", "resume", "told", "tracker_stall"}
+    tracker = {f"tracker_{what}" for what in ("stall", "restart", "version", "body", "jump", "lose", "double")}
+    assert names == links | robot | {"pause", "resume", "told"} | tracker
 
 
 @pytest.mark.parametrize(

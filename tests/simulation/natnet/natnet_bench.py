@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
+from bench.config import SimulationConfig
 from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, split_packet
 from bench.model import RigidBody
 from bench.simulation.device_clock import DeviceClock
@@ -54,8 +55,10 @@ class FakeScene:
 def make_server(
     host: str, scene: FakeScene, scheduler: Scheduler, clock: Clock, tracker_clock: DeviceClock, **options: object
 ) -> NatNetServer:
-    options = {"rate_hz": 100.0, "command_port": 0} | options
-    return NatNetServer(host, scene, scheduler, clock, tracker_clock=tracker_clock, **options)
+    """Make a server; ports as it takes them, everything else as [simulation] has it."""
+    ports = {"command_port": 0} | {name: options.pop(name) for name in ("command_port", "data_port") if name in options}
+    simulation = SimulationConfig(**options)
+    return NatNetServer(host, scene, scheduler, clock, tracker_clock=tracker_clock, simulation=simulation, **ports)
 
 
 class SimulatedTracker:

@@ -11,6 +11,9 @@ from natnet_bench import PATIENCE_S, SimulatedTracker, running_tracker
 
 HOST = "127.0.32.31"
 N_FRAMES = 60
+SPEED = 2.0
+DATA_PORT = 15_111
+"""None that anyone else in this network namespace listens on."""
 
 
 class Listener:
@@ -34,11 +37,15 @@ class Listener:
             self.done.set()
 
 
-def listen(tracker: SimulatedTracker) -> Listener:
+def listen(tracker: SimulatedTracker, multicast: bool, data_port: int) -> Listener:
     listener = Listener()
     host, port = tracker.server.address
     client = NatNetClient(
-        server_ip_address=host, local_ip_address="127.0.32.32", command_port=port, use_multicast=False
+        server_ip_address=host,
+        local_ip_address="127.0.32.32",
+        command_port=port,
+        data_port=data_port,
+        use_multicast=multicast,
     )
     client.on_data_frame_received_event.handlers.append(listener.take_frame)
     client.on_data_description_received_event.handlers.append(listener.take_descriptions)
@@ -52,12 +59,14 @@ def listen(tracker: SimulatedTracker) -> Listener:
     return listener
 
 
-@pytest.mark.parametrize("version", [(3, 0, 0, 0), (3, 1, 0, 0), (4, 0, 0, 0), (4, 1, 0, 0)])
+@pytest.mark.parametrize("multicast", [False, True])
+@pytest.mark.parametrize("version", ["3.0", "3.1", "4.0", "4.1", "4.2", "4.3"])
 def test_an_independent_client_reads_the_same_positions(
-    version: tuple[int, ...], capsys: pytest.CaptureFixture[str]
+    version: str, multicast: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with running_tracker(HOST, version=version) as tracker:
-        listener = listen(tracker)
+    settings = {"natnet_version": version, "natnet_multicast": multicast, "data_port": DATA_PORT}
+    with running_tracker(HOST, SPEED, **settings) as tracker:
+        listener = listen(tracker, multicast, DATA_PORT)
     assert capsys.readouterr().out == ""  # it prints what it finds odd
     numbers = [frame.prefix.frame_number for frame in listener.frames]
     assert numbers == list(range(numbers[0], numbers[0] + len(numbers)))

@@ -38,15 +38,21 @@ class Answers:
     def __init__(
         self, info: ServerInfo, models: tuple[Model, ...], clients: Clients, rate_hz: float, ticks: Callable[[], int]
     ) -> None:
-        self._info = info
-        self._models = models
+        self.info = info
+        """What the server says of itself; may be another from one moment to the next."""
+        self.models = models
+        """May be changed too."""
         self._clients = clients
         self._rate_hz = rate_hz
         self._ticks = ticks
-        self.version = info.natnet_version[:2]
         self.is_recording = False
         self.newest_frame: Callable[[Version], bytes | None] = lambda _version: None
         """Gives the newest frame again, in a version, for REQUEST_FRAMEOFDATA."""
+
+    @property
+    def version(self) -> Version:
+        """The server's own bitstream version."""
+        return self.info.natnet_version[:2]
 
     def answer(self, packet: bytes, sender: Address) -> bytes | None:
         """Return the answer to a packet, or None where none is due (also to garbage, as Motive keeps silent)."""
@@ -71,13 +77,17 @@ class Answers:
             self._clients.remove(sender)
             return None
         if message == Message.CONNECT:
-            self._clients.add(sender, choose_version(self.version, decode_connect(payload).bitstream))
-        return encode_server_info(self._info)
+            self._clients.add(sender, self._choose(decode_connect(payload).bitstream))
+        return encode_server_info(self.info)
+
+    def _choose(self, wanted: Version | None) -> Version:
+        # What goes to a whole group is in the server's own version, whatever one client asks for.
+        return self.version if self.info.is_multicast else choose_version(self.version, wanted)
 
     def _inform(self, message: int, payload: bytes, sender: Address) -> bytes | None:
         version = self._clients.version_of(sender, self.version)
         if message == Message.REQUEST_MODELDEF:
-            return encode_models(self._models, version)
+            return encode_models(self.models, version)
         if message == Message.REQUEST_FRAMEOFDATA:
             return self.newest_frame(version)
         if message == Message.REQUEST:
@@ -111,6 +121,6 @@ class Answers:
             wanted = tuple(int(number) for number in argument.split("."))
         except ValueError:
             return encode_integer_response(REFUSED)
-        chosen = choose_version(self.version, wanted)
+        chosen = self._choose(wanted)
         self._clients.change_version(sender, chosen)
         return encode_integer_response(ACCEPTED if chosen == wanted[:2] else REFUSED)

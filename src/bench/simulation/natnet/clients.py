@@ -41,6 +41,17 @@ class Clients:
             if address in self._versions:
                 self._versions[address] = version
 
+    def change_versions(self, version: Version) -> None:
+        """Give every client the same version."""
+        with self._lock:
+            self._versions = dict.fromkeys(self._versions, version)
+
+    def forget(self) -> None:
+        """Know no client any more."""
+        with self._lock:
+            self._versions.clear()
+            self._heard_ns.clear()
+
     def version_of(self, address: Address, default: Version) -> Version:
         with self._lock:
             return self._versions.get(address, default)

@@ -1,47 +1,42 @@
-"""A tracker on the wire: exposures at exact periods of its own clock, frames to every unicast client."""
+"""A tracker on the wire: exposures at exact periods of its own clock, frames to every client or to the group."""
 
 from __future__ import annotations
 
-import errno
-import select
-import socket
-import threading
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from bench.drivers.tracker.natnet.frame import Frame, encode_frame
+from bench.config import SimulationConfig
+from bench.drivers.tracker.natnet.frame import BITSTREAM_CHANGED, MODELS_CHANGED, RECORDING, Frame, encode_frame
 from bench.drivers.tracker.natnet.messages import ServerInfo
-from bench.drivers.tracker.natnet.wire import LARGEST_PACKET, Version
-from bench.errors import ConfigError, ConnectError
+from bench.drivers.tracker.natnet.wire import Version
 from bench.simulation.device_clock import DeviceClock
 from bench.simulation.natnet.answers import Answers
 from bench.simulation.natnet.clients import Address, Clients
-from bench.simulation.natnet.packets import APP_VERSIONS, Stamps, make_frame, make_models
+from bench.simulation.natnet.delivery import Delivery
+from bench.simulation.natnet.links import Links
+from bench.simulation.natnet.packets import APP_VERSIONS, make_frame, make_models
+from bench.simulation.natnet.timing import FrameTiming
 from bench.simulation.scene import Scene
 from bench.simulation.scheduler import Scheduler
+from bench.simulation.ur.faults import wait_for
 from bench.timing import Clock, patience_ns
 
 __all__ = ["NatNetServer"]
 
 FIRST_FRAME_NUMBER = 1042
 """Motive counts from its own start, long before anyone listens."""
-RECEIVED_AFTER_S = 0.0046
-"""From mid-exposure to camera data received: median of 518 real frames."""
-TRANSMIT_AFTER_S = 0.00541
-"""From mid-exposure to transmit, of the same."""
-NETWORK_S = 0.0006
-"""Shortest way from the transmit stamp to the network."""
-TAIL_S = 0.00017
-"""Mean of what comes on top; together 6.2 ms after mid-exposure at the median and 6.9 ms at 99 %, as in real frames."""
-LONGEST_TAIL_S = 0.005
-POLL_MS = 20
-"""Machine time after which the network thread sees that it should stop."""
-JOIN_S = 2.0
+NUMBER_AFTER_RESTART = 17
+TICKS_S_AFTER_RESTART = 45.0
+"""A PC that was switched off counts from its own start: it takes about so long."""
+LONGEST_JUMP = 10
+"""By how much a frame number may jump."""
 
 
 class NatNetServer:
-    """Simulates OptiTrack Motive, streaming unicast.
+    """Simulates OptiTrack Motive, streaming unicast or multicast.
 
     Parameters
     ----------
@@ -54,16 +49,10 @@ class NatNetServer:
     clock : Clock
     tracker_clock : DeviceClock
         The clock that Motive's stamps and clock answers are in.
-    rate_hz : float
-        Exposures in a second of the tracker's clock.
     command_port, data_port : int
         NatNet's ports; unicast uses the first alone.
-    version : tuple of int
-        NatNet version: 3.0, 3.1, 4.0 or 4.1.
-    mid_exposure_known : bool
-        False: USB cameras, which send no mid-exposure stamp.
-    seed : int
-        Of the packets' delays.
+    simulation : SimulationConfig, optional
+        Version, rate, cameras, delays and faults of the network; left out, its defaults.
     """
 
     def __init__(
@@ -74,40 +63,39 @@ class NatNetServer:
         clock: Clock,
         *,
         tracker_clock: DeviceClock,
-        rate_hz: float,
         command_port: int = 1510,
         data_port: int = 1511,
-        version: Version = (4, 1, 0, 0),
-        mid_exposure_known: bool = True,
-        seed: int = 1,
+        simulation: SimulationConfig | None = None,
     ) -> None:
-        if version[:2] not in APP_VERSIONS:
-            known = ", ".join(f"{major}.{minor}" for major, minor in APP_VERSIONS)
-            raise ConfigError(f"NatNet {version[0]}.{version[1]} cannot be simulated; the known versions are {known}.")
-        self._address = (host, command_port)
+        simulation = simulation or SimulationConfig()
         self._scene = scene
         self._scheduler = scheduler
         self._clock = clock
         self._tracker_clock = tracker_clock
-        self._rate_hz = rate_hz
-        self._mid_exposure_known = mid_exposure_known
-        self._rng = np.random.default_rng(seed)
+        self._simulation = simulation
+        self._rate_hz = simulation.tracker_rate_hz
+        self._rng = np.random.default_rng(simulation.seed)
+        self._timing = FrameTiming(simulation, tracker_clock.ticks_per_s, self._rng)
         self._clients = Clients(clock)
-        info = ServerInfo(
-            "Motive (simulated by bench)",
-            APP_VERSIONS[version[:2]],
-            version,
-            round(tracker_clock.ticks_per_s),
-            data_port,
+        self._answers = Answers(
+            self._describe(simulation.natnet_version, data_port),
+            make_models(scene),
+            self._clients,
+            self._rate_hz,
+            self._read_clock,
         )
-        self._answers = Answers(info, make_models(scene), self._clients, rate_hz, self._read_clock)
         self._answers.newest_frame = self._encode_newest
+        group = simulation.natnet_group if simulation.natnet_multicast else None
+        self._links = Links((host, command_port), data_port, group, self._answer, self._clients.drop_silent)
+        self.delivery = Delivery(simulation, scheduler, self._rng, self._transmit)
+        """What becomes of the frames on their way."""
         self._newest: Frame | None = None
-        self._socket: socket.socket | None = None
-        self._stopping = threading.Event()
-        self._thread: threading.Thread | None = None
+        self._is_open = False
         self._first_period = 0
-        self._last_departure_ns = 0
+        self._n_since_start = 0
+        self._next_number = FIRST_FRAME_NUMBER
+        self._changed = 0
+        self._unseen: dict[int, str] = {}
         self._silent_until_ns = 0
         self.n_exposed = 0
         """Exposures so far."""
@@ -117,118 +105,134 @@ class NatNetServer:
         """Frame packets that the network did not take: its buffer was full."""
 
     def open(self) -> None:
-        """Bind the command port, answer from now on, and expose from the next full period of the tracker's clock.
+        """Bind the ports, answer from now on, and expose from the next full period of the tracker's clock.
 
         Raises
         ------
         ConnectError
-            The address is in use, or not ours.
+            An address is in use, or not ours.
         """
-        link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        try:
-            link.bind(self._address)
-        except OSError as error:
-            link.close()
-            reason = "is already in use" if error.errno == errno.EADDRINUSE else f"cannot be used: {error.strerror}"
-            raise ConnectError(
-                f"UDP port {self._address[0]}:{self._address[1]} of the simulated tracker {reason}."
-            ) from error
-        link.setblocking(False)
-        self._socket = link
-        self._thread = threading.Thread(target=self._serve, args=(link,), name="natnet-server", daemon=True)
-        self._thread.start()
-        self._first_period = int(self._read_clock() * self._rate_hz / self._tracker_clock.ticks_per_s) + 1
-        self._schedule_exposure()
+        self._links.open()
+        self._is_open = True
+        self._start_exposing()
 
     def close(self) -> None:
         """Stop answering and sending; what is still scheduled does nothing. May be called twice."""
-        self._stopping.set()
-        if self._thread is not None:
-            self._thread.join(JOIN_S)
-        if self._socket is not None:
-            self._socket.close()
-            self._socket = None
+        self._is_open = False
+        self._links.close()
+
+    @property
+    def address(self) -> Address:
+        """Host and command port; with port 0 the one that the system chose."""
+        return self._links.address
 
     def stall(self, duration_s: float) -> None:
         """Send and answer nothing for a while of the machine's own time; what was due then never comes. Any thread."""
         self._silent_until_ns = self._clock.now_ns() + patience_ns(self._clock, duration_s)
 
-    @property
-    def address(self) -> Address:
-        """Host and command port; with port 0 the one that the system chose."""
-        if self._socket is None:
-            return self._address
-        host, port = self._socket.getsockname()[:2]
-        return str(host), int(port)
+    def act(self, effect: Callable[[], None]) -> None:
+        """Run `effect` on the scheduler's thread and return when it is done; any thread but that."""
+        now_ns = self._clock.now_ns()
+        wait_for(lambda action: self._scheduler.call_at(now_ns, lambda _due_ns: action()), effect)
+
+    def jump(self, n_numbers: int) -> None:
+        """Leave out so many frame numbers. On the scheduler's thread, as what follows."""
+        self._next_number += n_numbers
+
+    def restart(self) -> None:
+        """Be as after the PC was switched off and on: another clock, other frame numbers, no client known."""
+        host_ns = self._clock.now_ns()
+        ticks = round(TICKS_S_AFTER_RESTART * self._tracker_clock.ticks_per_s)
+        self._tracker_clock = replace(self._tracker_clock, host_origin_ns=host_ns, ticks_origin=ticks)
+        self._clients.forget()
+        self._answers.is_recording = False
+        self._next_number = NUMBER_AFTER_RESTART
+        self._newest = None
+        self._start_exposing()
+
+    def change_version(self, name: str) -> None:
+        """Speak another NatNet version from now on, to every client."""
+        self._answers.info = self._describe(name, self._answers.info.data_port)
+        self._clients.change_versions(self._answers.version)
+        self._changed |= BITSTREAM_CHANGED
+
+    def add_body(self, name: str) -> None:
+        """Define one more rigid body, which no camera sees."""
+        self._unseen[max((*self._scene.bodies, *self._unseen), default=0) + 1] = name
+        self._answers.models = make_models(self._scene, self._unseen)
+        self._changed |= MODELS_CHANGED
+
+    def _describe(self, version_name: str, data_port: int) -> ServerInfo:
+        major, minor = (int(part) for part in version_name.split("."))
+        return ServerInfo(
+            "Motive (simulated by bench)",
+            APP_VERSIONS[major, minor],
+            (major, minor, 0, 0),
+            round(self._tracker_clock.ticks_per_s),
+            data_port,
+            self._simulation.natnet_multicast,
+            tuple(int(part) for part in self._simulation.natnet_group.split(".")),
+        )
+
+    def _is_silent(self) -> bool:
+        return self._clock.now_ns() < self._silent_until_ns
+
+    def _answer(self, packet: bytes, sender: Address) -> bytes | None:
+        return None if self._is_silent() else self._answers.answer(packet, sender)
 
     def _read_clock(self) -> int:
         return self._tracker_clock.ticks_at(self._clock.now_ns())
 
-    def _schedule_exposure(self) -> None:
-        period = self._first_period + self.n_exposed
-        ticks = round(period * self._tracker_clock.ticks_per_s / self._rate_hz)
-        self._scheduler.call_at(self._tracker_clock.host_ns_at(ticks), partial(self._expose, ticks))
-
-    def _expose(self, ticks: int, host_ns: int) -> None:
-        if self._stopping.is_set():
-            return
-        number = FIRST_FRAME_NUMBER + self.n_exposed
-        exposure = self._scene.expose(number, host_ns)
-        timestamp_s = self.n_exposed / self._rate_hz
-        frame = make_frame(exposure, number, timestamp_s, self._stamp(ticks), recording=self._answers.is_recording)
-        self.n_exposed += 1
-        self._scheduler.call_at(self._departure_ns(host_ns), partial(self._transmit, frame))
+    def _start_exposing(self) -> None:
+        self._n_since_start = 0
+        self._first_period = int(self._read_clock() * self._rate_hz / self._tracker_clock.ticks_per_s) + 1
         self._schedule_exposure()
 
-    def _stamp(self, ticks: int) -> Stamps:
-        hz = self._tracker_clock.ticks_per_s
-        mid = ticks if self._mid_exposure_known else 0
-        return mid, ticks + round(RECEIVED_AFTER_S * hz), ticks + round(TRANSMIT_AFTER_S * hz)
+    def _schedule_exposure(self) -> None:
+        clock, period = self._tracker_clock, self._first_period + self._n_since_start
+        ticks = round(period * clock.ticks_per_s / self._rate_hz)
+        self._scheduler.call_at(clock.host_ns_at(ticks), partial(self._expose, clock, ticks))
 
-    def _departure_ns(self, exposure_ns: int) -> int:
-        """Return when the packet leaves: never before the one that was sent earlier."""
-        tail_s = min(self._rng.exponential(TAIL_S), LONGEST_TAIL_S)
-        departure_ns = exposure_ns + round((TRANSMIT_AFTER_S + NETWORK_S + tail_s) * 1e9)
-        self._last_departure_ns = max(self._last_departure_ns, departure_ns)
-        return self._last_departure_ns
+    def _expose(self, clock: DeviceClock, ticks: int, host_ns: int) -> None:
+        if not self._is_open or clock is not self._tracker_clock:
+            return
+        number = self._draw_number()
+        exposure = self._scene.expose(number, host_ns)
+        stamps, leaves_ns = self._timing.draw(ticks)
+        params = (RECORDING if self._answers.is_recording else 0) | self._changed
+        timestamp_s = self._n_since_start / self._rate_hz
+        ptp_ns = host_ns if self._simulation.ptp else None
+        frame = make_frame(exposure, number, timestamp_s, stamps, params=params, ptp_ns=ptp_ns, unseen=self._unseen)
+        self._changed = 0
+        self.n_exposed += 1
+        self._n_since_start += 1
+        self.delivery.put(frame, host_ns + leaves_ns)
+        self._schedule_exposure()
 
-    def _transmit(self, frame: Frame, _due_ns: int) -> None:
+    def _draw_number(self) -> int:
+        number = self._next_number
+        self._next_number += 1
+        chance = self._simulation.frame_jump_probability
+        if chance and self._rng.random() < chance:
+            self._next_number += int(self._rng.integers(1, LONGEST_JUMP + 1))
+        return number
+
+    def _transmit(self, frame: Frame) -> None:
+        if not self._is_open:
+            return
         self._newest = frame
+        if self._simulation.natnet_multicast:
+            self._count(not self._is_silent() and self._links.send_to_group(encode_frame(frame, self._answers.version)))
+            return
         packets: dict[Version, bytes] = {}
         for address, version in self._clients.snapshot():
             if version not in packets:
                 packets[version] = encode_frame(frame, version)
-            if self._send(packets[version], address):
-                self.n_sent += 1
-            else:
-                self.n_unsent += 1
+            self._count(not self._is_silent() and self._links.send(packets[version], address))
+
+    def _count(self, is_sent: bool) -> None:
+        self.n_sent += is_sent
+        self.n_unsent += not is_sent
 
     def _encode_newest(self, version: Version) -> bytes | None:
         return None if self._newest is None else encode_frame(self._newest, version)
-
-    def _send(self, packet: bytes, address: Address) -> bool:
-        link = self._socket
-        if link is None or self._stopping.is_set() or self._clock.now_ns() < self._silent_until_ns:
-            return False
-        try:
-            link.sendto(packet, address)
-        except OSError:
-            return False
-        return True
-
-    def _serve(self, link: socket.socket) -> None:
-        poll = select.poll()
-        poll.register(link, select.POLLIN)
-        while not self._stopping.is_set():
-            if poll.poll(POLL_MS):
-                self._answer_one(link)
-            self._clients.drop_silent()
-
-    def _answer_one(self, link: socket.socket) -> None:
-        try:
-            packet, sender = link.recvfrom(LARGEST_PACKET)
-        except OSError:
-            return
-        reply = self._answers.answer(packet, sender)
-        if reply is not None:
-            self._send(reply, sender)

@@ -1,0 +1,101 @@
+"""Where the markers sit on the cable, measured from the chords between neighbours: tape is off by millimetres."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.arrays import Bools, Floats, Floats32
+from bench.analysis.correlation import correlation_length
+from bench.errors import AnalysisError
+
+__all__ = ["MarkerPlaces", "measure_marker_places"]
+
+FEWEST_FRAMES = 20
+STRAIGHT_SHARE = 0.5
+"""Share of the frames that is used for each spacing, the straightest: there the chord differs least from the cable."""
+
+BEND_SHARE = 0.05
+"""Of the lengthening, as a standard deviation: between markers a cable is no circle. Alike for all markers."""
+FIXED_SIGMA_M = 5e-5
+"""Of each spacing: the anchor's own place, and what no scatter shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerPlaces:
+    """Arc lengths of the cable's k markers."""
+
+    arc_length_m: Floats
+    """(k,): from the anchor."""
+    sigma_m: Floats
+    """(k,): standard deviation, from the chords' scatter and what bends hide; markers off the axis are not in it."""
+
+
+def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats | None, first_m: float) -> MarkerPlaces:
+    """Measure the arc lengths of markers from frames in which they are sorted.
+
+    A chord c over a cable of curvature kappa is shorter than the cable between its ends, by about c³ kappa² / 24:
+    that is 2 / kappa asin(c kappa / 2), with the mean curvature of the circles through neighbouring markers. Each
+    spacing is the median, over the half of the frames in which the cable is straightest there, of the chord so
+    lengthened. The anchor counts as a marker.
+
+    Parameters
+    ----------
+    position_m : (F, k, 3)
+        Sorted markers, NaN where not found.
+    usable : (F,)
+        Frames that are sorted without doubt.
+    anchor_m : (F, 3) or None
+        Where the cable starts; None for a cable without an anchor.
+    first_m : float
+        Arc length of the first marker where there is no anchor.
+
+    Raises
+    ------
+    AnalysisError
+        Fewer than 20 frames are usable.
+    """
+    chosen = usable & np.isfinite(position_m).all(axis=(1, 2))
+    nodes = np.asarray(position_m[chosen], dtype=np.float64)
+    if anchor_m is not None:
+        nodes = np.concatenate([anchor_m[chosen][:, None], nodes], axis=1)
+        nodes = nodes[np.isfinite(nodes[:, 0, 0])]
+    if len(nodes) < FEWEST_FRAMES:
+        raise AnalysisError(
+            f"All markers are sorted without doubt in {len(nodes)} frames; at least {FEWEST_FRAMES} are needed to "
+            "measure their spacing.",
+            hint="Check marker_arc_length_m and the gates, or that the markers are in the cameras' view.",
+        )
+    chord = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
+    curvature = _mean_curvature(nodes)
+    spacing, variance, bend = np.array([_spacing(chord[:, i], curvature[:, i]) for i in range(chord.shape[1])]).T
+    if anchor_m is None:
+        spacing, variance, bend = (np.concatenate([[0.0], part]) for part in (spacing, variance, bend))
+    start = first_m if anchor_m is None else 0.0
+    sigma = np.sqrt(np.cumsum(variance) + (BEND_SHARE * np.cumsum(bend)) ** 2)
+    return MarkerPlaces(start + np.cumsum(spacing), sigma)
+
+
+def _mean_curvature(nodes: Floats) -> Floats:
+    """Return (F, n - 1): of each chord, the mean of the curvatures of the circles at its two ends."""
+    before, after = np.diff(nodes[:, :-1], axis=1), np.diff(nodes[:, 1:], axis=1)
+    lengths = (np.linalg.norm(part, axis=2) for part in (before, after, before + after))
+    product = np.prod(list(lengths), axis=0)
+    circle = 2 * np.linalg.norm(np.cross(before, after), axis=2) / np.maximum(product, np.finfo(float).tiny)
+    padded = np.concatenate([circle[:, :1], circle, circle[:, -1:]], axis=1)
+    return np.asarray((padded[:, :-1] + padded[:, 1:]) / 2)
+
+
+def _spacing(chord: Floats, curvature: Floats) -> tuple[float, float, float]:
+    """Return the arc length between two neighbours, its variance by scatter, and by how much the chord is shorter."""
+    straight = curvature <= np.quantile(curvature, STRAIGHT_SHARE)
+    half_angle = np.clip(chord * curvature / 2, 1e-6, 1.0)[straight]
+    lengthened = chord[straight] * np.arcsin(half_angle) / half_angle
+    # the median of normal numbers scatters by sqrt(pi / 2) times their mean's standard deviation
+    variance = np.pi / 2 * lengthened.var() * correlation_length(lengthened[:, None]) / len(lengthened)
+    return (
+        float(np.median(lengthened)),
+        float(variance) + FIXED_SIGMA_M**2,
+        float(np.median(lengthened - chord[straight])),
+    )

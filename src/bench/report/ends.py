@@ -1,0 +1,154 @@
+"""The cable's two ends in every frame: where they are and which way they point, as far as what holds them tells."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from bench.analysis import CableEnd, ClampDirection, PoseTrack, RigidTransform, SortedMarkers, make_gates, place_end
+from bench.config import Calibration, Config, EndConfig, HolderConfig
+from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings
+from bench.report.results import EndColumns
+from bench.report.source import RobotSamples, TrackerFrames
+
+__all__ = ["CableEnds", "compare_last_marker", "find_cable_ends", "seconds_since"]
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+STANDS_STILL = RigidTransform(np.eye(3), np.zeros(3))
+KNOWN_EXACTLY = np.zeros((6, 6))
+
+
+@dataclass(eq=False)
+class CableEnds:
+    """Both ends of the cable."""
+
+    anchor: CableEnd | None = None
+    """None where the anchor's clamp_direction is not given."""
+    end: CableEnd | None = None
+    """None without [cable.end], or where what holds it is not known."""
+    warnings: list[str] = field(default_factory=list)
+
+    def columns(self, n_frames: int) -> EndColumns | None:
+        """Return what is known as columns, None without any."""
+        if self.anchor is None and self.end is None:
+            return None
+        unknown = CableEnd(*(np.full((n_frames, 3)[:n], np.nan) for n in (2, 1, 2, 1)))
+        anchor, end = self.anchor or unknown, self.end or unknown
+        return EndColumns(
+            anchor.tangent,
+            anchor.tangent_sigma_rad,
+            end.position_m,
+            end.position_sigma_m,
+            end.tangent,
+            end.tangent_sigma_rad,
+        )
+
+
+def seconds_since(time_ns: Ints, origin_ns: int) -> Floats:
+    """Return times (n,) as seconds after an origin."""
+    return np.asarray((time_ns - origin_ns) * 1e-9, dtype=np.float64)
+
+
+def find_cable_ends(frames: TrackerFrames, robot: RobotSamples | None, start: ChainStart, config: Config) -> CableEnds:
+    """Find both ends: the anchor's direction by its clamp, the other end by the robot's pose or its rigid body."""
+    ends = CableEnds()
+    anchor, end = config.cable.anchor, config.cable.end
+    if anchor.clamp_direction is not None and start.anchor_m is not None and start.bodies is not None:
+        ends.anchor = _place_held(anchor, start.anchor_m, start.bodies)
+    if end is None or start.bodies is None:
+        return ends
+    if end.kind == "tcp":
+        ends.end = _place_at_tcp(ends, frames, robot, end, config.calibration.measured)
+    elif end.kind == "rigid_body":
+        ends.end = _place_held(end, start.bodies.centre(start.bodies.id_of(end.name)), start.bodies)
+    return ends
+
+
+def compare_last_marker(ends: CableEnds, markers: SortedMarkers, config: Config) -> dict[str, str]:
+    """Return how well the last marker agrees with the cable's end as a fact; add a warning where it cannot be."""
+    if ends.end is None:
+        return {}
+    complete = (markers.source >= 0).all(axis=1)
+    chord = np.linalg.norm(ends.end.position_m - markers.position_m[:, -1], axis=1)[complete]
+    chord = chord[np.isfinite(chord)]
+    if not len(chord):
+        return {}
+    beyond_m = config.cable.length_m - config.cable.arc_length_m[-1]
+    gates = make_gates(replace(make_sort_settings(config), arc_length_m=(beyond_m,)))
+    usual_m = float(np.median(chord))
+    if not gates.low_m[0] <= usual_m <= gates.high_m[0]:
+        ends.warnings.append(
+            f"The last marker is {usual_m * 1e3:.1f} mm from the cable's end, where the configuration has "
+            f"{beyond_m * 1e3:.1f} mm of cable: check length_m, the last marker's place, clamp_m and the calibration."
+        )
+    apart = f"last marker {usual_m * 1e3:.1f} mm from it (sd {chord.std() * 1e3:.2f} mm)"
+    return {"Cable's end": f"{_describe(ends.end)}; {apart}, {beyond_m * 1e3:.1f} mm of cable by the configuration"}
+
+
+def _describe(end: CableEnd) -> str:
+    """Return how well the end is known."""
+    place = f"place sd {np.nanmedian(end.position_sigma_m) * 1e3:.2f} mm"
+    known = np.isfinite(end.tangent_sigma_rad)
+    if not known.any():
+        return f"{place}, direction unknown"
+    return f"{place}, direction sd {np.rad2deg(np.median(end.tangent_sigma_rad[known])):.2f} degrees"
+
+
+def _place_held(holder: HolderConfig, place_m: Floats, bodies: TrackedBodies) -> CableEnd:
+    """Place an end whose holder the tracker sees."""
+    turn = np.broadcast_to(np.eye(3), (len(place_m), 3, 3))
+    if holder.kind == "rigid_body":
+        turn = _matrices(bodies.poses(bodies.id_of(holder.name))[1])
+    return place_end(turn, place_m, np.zeros(3), _configured(holder), STANDS_STILL, KNOWN_EXACTLY)
+
+
+def _place_at_tcp(
+    ends: CableEnds,
+    frames: TrackerFrames,
+    robot: RobotSamples | None,
+    end: EndConfig,
+    calibration: Calibration | None,
+) -> CableEnd | None:
+    if calibration is None or robot is None:
+        ends.warnings.append(
+            "[cable.end] kind = 'tcp' is not used: it needs a robot and a calibration ([calibration] file, made by "
+            "`bench calibrate`)."
+        )
+        return None
+    space, origin_ns = calibration.space, int(robot.counter.host_ns[0])
+    track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
+    time_s = seconds_since(frames.time_ns, origin_ns)
+    turn, place = track.at(time_s)
+    place[~track.covers(time_s)] = np.nan
+    lab = RigidTransform(
+        Rotation.from_rotvec(space.lab_from_base_rotation_rad).as_matrix(), np.array(space.lab_from_base_shift_m)
+    )
+    clamp = _configured(end) or _calibrated(calibration)
+    return place_end(turn, place, np.array(end.clamp_m), clamp, lab, np.array(space.lab_from_base_covariance))
+
+
+def _configured(holder: HolderConfig) -> ClampDirection | None:
+    if holder.clamp_direction is None:
+        return None
+    direction = np.array(holder.clamp_direction)
+    return ClampDirection(direction / np.linalg.norm(direction), float(np.deg2rad(holder.clamp_sd_deg)))
+
+
+def _calibrated(calibration: Calibration) -> ClampDirection | None:
+    clamp = calibration.clamp
+    if clamp is None:
+        return None
+    return ClampDirection(np.array(clamp.direction), float(np.deg2rad(clamp.direction_sd_deg)))
+
+
+def _matrices(quaternion_xyzw: Floats) -> Floats:
+    known = np.isfinite(quaternion_xyzw).all(axis=1) & (np.linalg.norm(quaternion_xyzw, axis=1) > 0)
+    turn = np.full((len(quaternion_xyzw), 3, 3), np.nan)
+    if known.any():
+        turn[known] = Rotation.from_quat(quaternion_xyzw[known]).as_matrix()
+    return turn
