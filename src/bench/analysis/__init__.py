@@ -11,6 +11,7 @@ from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
@@ -72,6 +73,7 @@ __all__ = [
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "exclude_near",
+    "fastest_speed",
     "fill_from_end",
     "find_cycles",
     "find_gaps",
@@ -87,6 +89,7 @@ __all__ = [
     "interpolate_curve",
     "is_symmetric",
     "judge_cycles",
+    "judge_frame_rate",
     "locate_static_marker",
     "make_cycle_source",
     "make_gates",

@@ -32,4 +32,4 @@ def check(
     for item in items:
         view.show_item(item)
     verify_items(items)
-    print("All checks passed." if all(item.verdict == "ok" for item in items) else "Ready, with warnings.")
+    print("All checks passed." if all(item.verdict != "warn" for item in items) else "Ready, with warnings.")

@@ -163,6 +163,13 @@ class TrackerConfig(Section):
     host: str = Field(min_length=1, description="Address of the PC that runs Motive.")
     command_port: int = Field(1510, ge=1, le=65535, description="NatNet command port.")
     local_address: str = Field("", description="Our own address towards the tracker; empty: chosen by the system.")
+    accuracy_mm: float = Field(
+        10.0,
+        gt=0,
+        le=1000,
+        description="How far a marker may go between two frames, so that the frame rate must be [cable] max_speed_m_s "
+        "over this; the paper's 10 mm.",
+    )
 
 
 class HolderConfig(Section):
@@ -243,6 +250,13 @@ class CableConfig(Section):
     max_tension_n: float | None = Field(None, ge=0, description="Largest tension in the test.")
     shorten: float = Field(
         0.25, ge=0, lt=1, description="e2 / D of the paper: how much a chord may shorten. Soft cables reach 0.20-0.30."
+    )
+    max_speed_m_s: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="Speed of the fastest marker when the robot drives at full speed; left out: not known, and the "
+        "frame rate not checked. 'bench check --cycle' measures it; twice the speed of the TCP is the paper's guess.",
     )
     minimum_bend_radius_mm: float = Field(gt=0, description="Catalogue limit: a smaller radius is outcome FAIL.")
     anchor: AnchorConfig

@@ -1,7 +1,7 @@
 """Drives the bench and records it: preflight, cycles, closing; and the import of takes into the same recording."""
 
 from bench.run.plan import describe_plan
-from bench.run.preflight import Item, verify_items
+from bench.run.preflight import verify_items
 from bench.run.resume import Origin, read_origin, verify_origin
 from bench.run.session import RunOptions, RunSummary, check, run
 from bench.run.simulator import with_free_addresses
@@ -9,7 +9,6 @@ from bench.run.view import RunView
 from bench.run.watch import watch_robot
 
 __all__ = [
-    "Item",
     "Origin",
     "RunOptions",
     "RunSummary",
