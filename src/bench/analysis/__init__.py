@@ -11,6 +11,7 @@ from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.following import follow_markers
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
@@ -33,6 +34,7 @@ from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.starts import refine_starts
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
+from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
 __all__ = [
     "ESTIMATORS",
@@ -53,6 +55,7 @@ __all__ = [
     "FlangeSightings",
     "Gaps",
     "HandEye",
+    "HiddenStretch",
     "MarkerPlaces",
     "MotionOffset",
     "PoseTrack",
@@ -77,12 +80,14 @@ __all__ = [
     "fill_from_end",
     "find_cycles",
     "find_gaps",
+    "find_hidden_stretches",
     "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
     "fit_hand_eye",
     "fit_rigid",
     "fit_spline",
+    "follow_markers",
     "gather_positions",
     "get_estimator",
     "get_sorter",

@@ -5,6 +5,7 @@ from bench.run.preflight import verify_items
 from bench.run.resume import Origin, read_origin, verify_origin
 from bench.run.session import RunOptions, RunSummary, check, run
 from bench.run.simulator import with_free_addresses
+from bench.run.slow_cycle import make_slow_cycle
 from bench.run.view import RunView
 from bench.run.watch import watch_robot
 
@@ -15,6 +16,7 @@ __all__ = [
     "RunView",
     "check",
     "describe_plan",
+    "make_slow_cycle",
     "read_origin",
     "run",
     "verify_items",

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.markup import escape
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
@@ -45,7 +46,7 @@ class RunView:
 
     def show_item(self, item: CheckItem) -> None:
         """Show one preflight item with limit, value and verdict."""
-        line = f"  {MARKS[item.verdict]} {item.name:<15} {item.value} (limit: {item.limit})"
+        line = f"  {MARKS[item.verdict]} {escape(f'{item.name:<15} {item.value} (limit: {item.limit})')}"
         self._console.print(line, highlight=False, soft_wrap=True)
         if item.verdict in REMARKS:
             style = REMARKS[item.verdict]
