@@ -40,7 +40,7 @@ def test_markers_beyond_a_plane_have_left_the_view_through_it(limit_m: float, is
     true = cable.copy()
     cable[sign * cable[:, :, 2] < limit_m] = np.nan
     stretches = find_hidden_stretches(cable, ANCHOR, 5)
-    gone = np.isnan(cable[:, :, 0]).any(axis=0)
+    gone = np.isnan(cable[:, :, 0]).sum(axis=0) >= 5
     assert {stretch.marker_index for stretch in stretches} == set(np.flatnonzero(gone))
     far = [s for s in stretches if np.median(limit_m - sign * true[s.start : s.stop, s.marker_index, 2]) > 0.02]
     assert far
