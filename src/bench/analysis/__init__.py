@@ -6,12 +6,12 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
+from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
-from bench.analysis.following import follow_markers
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
@@ -87,7 +87,7 @@ __all__ = [
     "fit_hand_eye",
     "fit_rigid",
     "fit_spline",
-    "follow_markers",
+    "follow_beyond_gaps",
     "gather_positions",
     "get_estimator",
     "get_sorter",

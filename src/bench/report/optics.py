@@ -13,7 +13,7 @@ from bench.analysis import (
     MarkerPlaces,
     fastest_speed,
     find_hidden_stretches,
-    follow_markers,
+    follow_beyond_gaps,
     gather_positions,
     get_sorter,
     make_cycle_source,
@@ -169,7 +169,7 @@ def _sort(cycle: _Frames, config: Config) -> tuple[Floats32, Bools]:
     found = sort_markers(cycle.points_m, cycle.offsets, cycle.usable, cycle.anchor_m, make_sort_settings(config))
     usable = np.asarray(found.confidence >= TRUSTED_CONFIDENCE, dtype=bool)
     places = np.array(config.cable.arc_length_m)
-    source = follow_markers(cycle.points_m, cycle.offsets, cycle.usable, found.source, cycle.anchor_m, places)
+    source = follow_beyond_gaps(cycle.points_m, cycle.offsets, cycle.usable, found.source, cycle.anchor_m, places)
     return gather_positions(cycle.points_m, cycle.offsets, source), usable
 
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
 
-__all__ = ["follow_markers", "predict_position"]
+__all__ = ["follow_beyond_gaps", "predict_position"]
 
 REACH_SHARE = 0.3
 """Of the distance to the nearer neighbour along the cable: beyond half of it a marker could be taken for another."""
 
 
-def follow_markers(
+def follow_beyond_gaps(
     points_m: Floats32,
     offsets: Ints,
     usable: Bools,

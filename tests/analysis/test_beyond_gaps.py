@@ -7,7 +7,7 @@ from cable_examples import ARC_LENGTH_M, N_MARKERS, Scene, make_scene, swing_cab
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis import SortSettings, follow_markers, sort_by_chain
+from bench.analysis import SortSettings, follow_beyond_gaps, sort_by_chain
 
 SETTINGS = SortSettings(ARC_LENGTH_M, stretch=0.02, shorten=0.25, tolerance_m=0.004)
 N_FRAMES = 200
@@ -18,7 +18,7 @@ def sort(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     anchor = np.zeros((len(scene.source), 3))
     chain = sort_by_chain(scene.points_m, scene.offsets, scene.usable, anchor, SETTINGS).source
     places = np.array(ARC_LENGTH_M)
-    return chain, follow_markers(scene.points_m, scene.offsets, scene.usable, chain, anchor, places)
+    return chain, follow_beyond_gaps(scene.points_m, scene.offsets, scene.usable, chain, anchor, places)
 
 
 def test_a_hidden_marker_does_not_hide_those_beyond_it() -> None:
@@ -62,7 +62,7 @@ def test_points_that_may_not_be_the_cables_are_not_taken() -> None:
     usable[(scene.offsets[:-1, None] + scene.extra_source)[shown]] = False
     anchor = np.zeros((N_FRAMES, 3))
     chain = sort_by_chain(scene.points_m, scene.offsets, usable, anchor, SETTINGS).source
-    followed = follow_markers(scene.points_m, scene.offsets, usable, chain, anchor, np.array(ARC_LENGTH_M))
+    followed = follow_beyond_gaps(scene.points_m, scene.offsets, usable, chain, anchor, np.array(ARC_LENGTH_M))
     np.testing.assert_array_equal(followed, scene.source)
 
 
@@ -71,7 +71,7 @@ def test_without_an_anchor_the_first_marker_is_followed_too() -> None:
     scene = make_scene(np.random.default_rng(6), cable)
     known = scene.source.copy()
     known[20:40, 0] = -1
-    followed = follow_markers(scene.points_m, scene.offsets, scene.usable, known, None, np.array(ARC_LENGTH_M))
+    followed = follow_beyond_gaps(scene.points_m, scene.offsets, scene.usable, known, None, np.array(ARC_LENGTH_M))
     np.testing.assert_array_equal(followed, scene.source)
 
 
