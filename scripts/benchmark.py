@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pyarrow.parquet as pq
+from benchmarks.calibration import measure_calibration
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from mcap.reader import make_reader
@@ -51,6 +52,7 @@ def main() -> None:
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
         rows += [measure_reading(folder / "run.mcap"), measure_curvature(), measure_decoding()]
         rows += measure_paper_sorting(folder, n_cycles=40)
+        rows += measure_calibration(folder, bench)
         rows += measure_robot_link(full)
         if full:
             rows += [measure_speed(folder, speed) for speed in SPEEDS]

@@ -13,6 +13,7 @@ from flange_examples import (
     FlangeScene,
     make_flange,
     turn_about_one_axis,
+    turn_about_three_axes,
 )
 from scipy.spatial.transform import Rotation
 
@@ -107,6 +108,16 @@ def test_a_flange_that_stands_still_is_refused() -> None:
         np.random.default_rng(7), motion=lambda time_s: np.tile([0.4, 0, 0.5, 0, 1, 0], (len(time_s), 1))
     )
     with pytest.raises(AnalysisError, match="The flange moved by"):
+        fit_hand_eye(scene.track, scene.seen)
+
+
+def test_poses_at_rest_tell_the_space_but_no_time() -> None:
+    scene = make_flange(
+        np.random.default_rng(9), n_frames=2000, motion=lambda time_s: turn_about_three_axes(7.3 * np.floor(time_s))
+    )
+    moving = np.abs((scene.seen.time_s + 0.5) % 1.0 - 0.5) < 0.3
+    scene.seen.position_m[moving] = np.nan
+    with pytest.raises(AnalysisError, match="The time offset cannot be told"):
         fit_hand_eye(scene.track, scene.seen)
 
 

@@ -12,6 +12,7 @@ from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
@@ -88,6 +89,7 @@ __all__ = [
     "fit_rigid",
     "fit_spline",
     "follow_beyond_gaps",
+    "follow_marker",
     "gather_positions",
     "get_estimator",
     "get_sorter",

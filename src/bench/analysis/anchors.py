@@ -97,12 +97,15 @@ def locate_static_marker(
 
 
 def exclude_near(points_m: Floats32, offsets: Ints, usable: Bools, position_m: Floats) -> Bools:
-    """Return `usable` without the points that are the static marker itself: the nearest one of each frame, if near."""
-    kept = usable.copy()
+    """Return `usable` without the points that are a known marker itself: the nearest one of each frame, if near.
+
+    `position_m` is (3,) for a static marker, (F, 3) for one that moves, NaN where its place is not known.
+    """
+    kept, place = usable.copy(), np.broadcast_to(position_m, (len(offsets) - 1, 3))
     for start, stop in chunks(len(offsets) - 1):
         frames = np.arange(start, stop)
         position, free = pad_points(points_m, offsets, usable, frames)
-        distance = _distance(position, free, position_m)
+        distance = _distance(position, free, place[frames, None])
         seen = distance.min(axis=1) <= STATIC_RADIUS_M
         kept[offsets[frames][seen] + distance.argmin(axis=1)[seen]] = False
     return kept

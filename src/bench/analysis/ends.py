@@ -16,6 +16,8 @@ __all__ = ["CableEnd", "ClampDirection", "estimate_clamp_direction", "place_end"
 FEWEST_FRAMES = 20
 FRAMES_APART = 3
 """Frames whose noise is another while the cable is bent alike: 30 ms at 100 Hz."""
+BEND_SHARE = 0.1
+"""Of the angle by which the bends turn the cable away, as a standard deviation: a cable is no sum of two circles."""
 MOST_SIGMA_RAD = float(np.deg2rad(10.0))
 """A direction known no better says less than the clamp's drawing does."""
 
@@ -50,7 +52,8 @@ def estimate_clamp_direction(markers_m: Floats) -> ClampDirection:
     The direction from the clamp to the nearest marker turns away from the clamp's own as the cable bends beside it. So
     it is fitted as a constant plus a multiple of each of the two curvatures that three markers and the clamp show; the
     constant is the clamp's direction, for it is what is left of a straight cable. The more the bend varies in the run,
-    the better this is told; the standard deviation is of the scatter, neighbours that err together counted once.
+    the better this is told. The standard deviation is of the scatter, neighbours that err together counted once, and a
+    tenth of the usual angle between clamp and nearest marker.
 
     Parameters
     ----------
@@ -83,13 +86,15 @@ def estimate_clamp_direction(markers_m: Floats) -> ClampDirection:
     found = back @ (instruments.T @ way[:, 0].ravel())
     left = way[:, 0] - matrix @ found
     covariance = (back @ (instruments.T @ instruments) @ back.T)[:3, :3] * left.var() * correlation_length(left)
-    sigma_rad = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1]))
+    direction = found[:3] / np.linalg.norm(found[:3])
+    turned = np.arccos(np.clip(way[:, 0] @ direction, -1.0, 1.0))
+    sigma_rad = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1] + BEND_SHARE**2 * np.mean(turned**2)))
     if not sigma_rad <= MOST_SIGMA_RAD:
         raise AnalysisError(
             "The clamp's direction cannot be told: the cable bends beside it alike in all frames (standard deviation "
             f"{np.rad2deg(sigma_rad):.2g} degrees)."
         )
-    return ClampDirection(found[:3] / np.linalg.norm(found[:3]), sigma_rad)
+    return ClampDirection(direction, sigma_rad)
 
 
 def place_end(

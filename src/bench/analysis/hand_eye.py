@@ -7,12 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.analysis.arrays import Bools, Floats
+from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.correlation import correlation_length
+from bench.analysis.hand_eye_start import start_from_body, start_from_marker
 from bench.analysis.rigid import (
     REJECT_SIGMAS,
     RigidTransform,
-    align_points,
     estimate_sigma,
     invert_information,
     lever,
@@ -29,10 +29,8 @@ LEAST_TRAVEL_M = 0.02
 """A body that keeps within 20 mm tells nothing of its frame's directions."""
 MOST_FRAMES = 2_000
 """More are thinned out evenly: 0.2 mm of noise is 5 micrometres in the mean of 2 000."""
-START_ROUNDS = 60
-"""Of the alternation that starts the fit to a single marker: it halves its error in one to three rounds."""
 REJECT_ROUNDS = 4
-MOST_STEPS = 50
+MOST_STEPS = 20
 DAMPING = 1e-6
 NO_GAIN = 1e-9
 HUBER = 2.0
@@ -42,8 +40,8 @@ MOST_SIGMA_S = 0.002
 """At 1 m/s that is 2 mm."""
 SMALLEST = 1e-12
 MORE_AXES = (
-    "drive a calibration program that moves the flange by some 100 mm in three directions and turns it by 30 degrees "
-    "or more about three axes"
+    "Drive a calibration program that moves the flange by some 100 mm in three directions and turns it by 30 degrees "
+    "or more about three axes."
 )
 
 
@@ -58,8 +56,8 @@ class FlangeSightings:
     quaternion_xyzw: Floats | None = None
     """(n, 4): the body's orientation; None for a single marker."""
 
-    def take(self, rows: Bools) -> FlangeSightings:
-        """Return some of the sightings."""
+    def take(self, rows: Bools | Ints) -> FlangeSightings:
+        """Return some of the sightings, or all in another order."""
         quaternion = None if self.quaternion_xyzw is None else self.quaternion_xyzw[rows]
         return FlangeSightings(self.time_s[rows], self.position_m[rows], quaternion)
 
@@ -122,20 +120,16 @@ def fit_hand_eye(track: PoseTrack, sightings: FlangeSightings, offset_s: float =
     ------
     AnalysisError
         Too few sightings, no motion, or one that turns about too few axes: each in one sentence with what to do.
-
-    References
-    ----------
-    M. Shah, "Solving the robot-world/hand-eye calibration problem using the Kronecker product", J. Mechanisms
-    Robotics 5 (2013) 031007: the start of the rotations.
     """
     rows = _choose_rows(track, sightings, offset_s)
     chosen = sightings.take(rows)
     problem = _Problem(track, chosen)
+    turn, place = track.at(chosen.time_s + offset_s)
     if problem.turns is None:
-        start = _start_with_marker(problem, offset_s)
+        lab, body = start_from_marker(turn, place, chosen.position_m)
     else:
-        start = _start_with_body(problem, problem.turns, offset_s)
-    state, used = problem.solve(start)
+        lab, body = start_from_body(turn, place, problem.turns, chosen.position_m)
+    state, used = problem.solve(_State(lab, body, offset_s))
     return _describe(problem, state, used, rows, len(sightings.time_s))
 
 
@@ -255,60 +249,11 @@ def _choose_rows(track: PoseTrack, sightings: FlangeSightings, offset_s: float) 
     if travel < LEAST_TRAVEL_M:
         raise AnalysisError(
             f"The flange moved by {travel * 1e3:.1f} mm; at least {LEAST_TRAVEL_M * 1e3:.0f} mm are needed.",
-            hint=f"{MORE_AXES[:1].upper()}{MORE_AXES[1:]}.",
+            hint=MORE_AXES,
         )
     rows = np.zeros(len(chosen), dtype=bool)
     rows[index[:: -(-len(index) // MOST_FRAMES)]] = True
     return rows
-
-
-def _start_with_body(problem: _Problem, seen_turn: Floats, offset_s: float) -> _State:
-    turn, place = problem.track.at(problem.seen.time_s + offset_s)
-    lab_turn, body_turn = _closed_rotations(turn, seen_turn)
-    shift, point = _linear_shifts(lab_turn, turn, place, problem.seen.position_m)
-    return _State(RigidTransform(lab_turn, shift), RigidTransform(body_turn, point), offset_s)
-
-
-def _closed_rotations(robot: Floats, seen: Floats) -> tuple[Floats, Floats]:
-    """Return lab and body rotation from ``seen = lab * robot * body``, by singular values, reweighted."""
-    weight = np.ones(len(robot))
-    for _ in range(10):
-        matrix = np.einsum("n,nab,ncd->acbd", weight / weight.sum(), robot, seen).reshape(9, 9)
-        u, _, vt = np.linalg.svd(matrix)
-        sign = np.sign(np.linalg.det(u[:, 0].reshape(3, 3))) or 1.0
-        lab = _nearest_rotation(sign * u[:, 0].reshape(3, 3).T)
-        body = _nearest_rotation(sign * vt[0].reshape(3, 3))
-        apart = np.linalg.norm(lab @ robot @ body - seen, axis=(1, 2))
-        weight = 1.0 / np.maximum(apart, np.median(apart) + SMALLEST)
-    return lab, body
-
-
-def _nearest_rotation(matrix: Floats) -> Floats:
-    u, _, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag([1.0, 1.0, np.linalg.det(u @ vt)]) @ vt)
-
-
-def _linear_shifts(lab_turn: Floats, robot: Floats, place: Floats, seen_m: Floats) -> tuple[Floats, Floats]:
-    """Return the lab frame's shift and the point in the TCP frame for a known rotation, by reweighted linear fit."""
-    matrix = np.concatenate([np.broadcast_to(np.eye(3), robot.shape), lab_turn @ robot], axis=2)
-    goal = seen_m - place @ lab_turn.T
-    weight = np.ones(len(goal))
-    for _ in range(10):
-        root = np.sqrt(weight)[:, None]
-        found = np.linalg.lstsq((matrix * root[:, :, None]).reshape(-1, 6), (goal * root).ravel(), rcond=1e-9)[0]
-        apart = np.linalg.norm(matrix @ found - goal, axis=1)
-        weight = 1.0 / np.maximum(apart, estimate_sigma(apart))
-    return found[:3], found[3:]
-
-
-def _start_with_marker(problem: _Problem, offset_s: float) -> _State:
-    """Alternate between the transform for a given point in the TCP frame and the point for a given transform."""
-    turn, place = problem.track.at(problem.seen.time_s + offset_s)
-    point = np.zeros(3)
-    for _ in range(START_ROUNDS):
-        lab, _ = align_points(place + turn @ point, problem.seen.position_m, np.ones(len(place)))
-        _, point = _linear_shifts(lab.rotation, turn, place, problem.seen.position_m)
-    return _State(lab, RigidTransform(np.eye(3), point), offset_s)
 
 
 def _verify_offset(sigma_s: float) -> None:
@@ -316,7 +261,7 @@ def _verify_offset(sigma_s: float) -> None:
     if not sigma_s <= MOST_SIGMA_S:
         raise AnalysisError(
             f"The time offset cannot be told (standard deviation {sigma_s * 1e3:.2g} ms): the flange hardly moves.",
-            hint=f"{MORE_AXES[:1].upper()}{MORE_AXES[1:]}.",
+            hint=MORE_AXES,
         )
 
 
@@ -328,7 +273,7 @@ def _describe(problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows
     freedom = len(slopes) / max(len(slopes) - len(problem.free), 1)
     covariance = np.full((13, 13), np.nan)
     covariance[np.ix_(problem.free, problem.free)] = invert_information(slopes.T @ slopes) * correlation * freedom
-    verify_told(covariance[:6, :6], MORE_AXES)
+    verify_told(covariance[:6, :6], "The robot's place in the lab frame", MORE_AXES)
     _verify_offset(float(np.sqrt(covariance[12, 12])))
     length, angle = np.full(n_rows, np.nan), np.full(n_rows, np.nan)
     length[rows] = np.linalg.norm(misfit[:, :3], axis=1)

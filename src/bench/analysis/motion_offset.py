@@ -46,6 +46,18 @@ class MotionOffset:
     """Correlation of both devices' speeds at this offset, 0…1."""
 
 
+@dataclass(frozen=True, eq=False)
+class _Chords:
+    """Pairs of sightings of the flange."""
+
+    first: Ints
+    second: Ints
+    middle_s: Floats
+    span_s: Floats
+    half_s: float
+    """Half of their usual distance in time."""
+
+
 @dataclass(frozen=True)
 class _Candidate:
     offset: MotionOffset
@@ -128,10 +140,10 @@ def estimate_motion_offset(track: PoseTrack, sightings: FlangeSightings) -> Moti
     AnalysisError
         The speed tells no offset (it is constant), or more than one (it repeats within half a second).
     """
-    parts = [_translation(track, sightings)]
+    chords = _find_chords(track, sightings)
+    parts = [_translation(track, sightings, chords)]
     if sightings.quaternion_xyzw is not None:
-        parts.append(_rotation(track, sightings))
-    _verify_seen(parts[0])
+        parts.append(_rotation(track, sightings.quaternion_xyzw, chords))
     candidates = [_estimate(part) for part in parts]
     best = min(candidates, key=lambda candidate: candidate.offset.sigma_s)
     if not best.offset.sigma_s <= MOST_SIGMA_S:
@@ -147,16 +159,6 @@ def estimate_motion_offset(track: PoseTrack, sightings: FlangeSightings) -> Moti
             hint=MOVE_UNEVENLY,
         )
     return best.offset
-
-
-def _verify_seen(speeds: _Speeds) -> None:
-    n = len(speeds.time_s)
-    if n < FEWEST_SPEEDS:
-        raise AnalysisError(
-            f"The flange's speed was seen at {n} moments while the robot told its pose; at least {FEWEST_SPEEDS} are "
-            "needed for a time offset.",
-            hint="See that the flange's markers stay in the cameras' common view, and record the run again.",
-        )
 
 
 def _estimate(speeds: _Speeds) -> _Candidate:
@@ -181,39 +183,39 @@ def _find(speeds: _Speeds) -> _Candidate:
     return _Candidate(MotionOffset(offset_s, sigma_s, agreement), other_s, (next_cost - least) / correlation)
 
 
-def _translation(track: PoseTrack, sightings: FlangeSightings) -> _Speeds:
-    first, second, time_s, span_s = _chords(track, sightings)
-    seen = np.linalg.norm(sightings.position_m[second] - sightings.position_m[first], axis=1) / span_s
-    grid = _grid(track)
-    half = float(np.median(span_s)) / 2
+def _translation(track: PoseTrack, sightings: FlangeSightings, chords: _Chords) -> _Speeds:
+    place, grid, half = sightings.position_m, _grid(track), chords.half_s
+    seen = np.linalg.norm(place[chords.second] - place[chords.first], axis=1) / chords.span_s
     driven = np.linalg.norm(track.positions_at(grid + half) - track.positions_at(grid - half), axis=1) / (2 * half)
-    return _Speeds(time_s, seen**2, grid, driven**2)
+    return _Speeds(chords.middle_s, seen**2, grid, driven**2)
 
 
-def _rotation(track: PoseTrack, sightings: FlangeSightings) -> _Speeds:
-    first, second, time_s, span_s = _chords(track, sightings)
-    turns = Rotation.from_quat(np.asarray(sightings.quaternion_xyzw)[np.concatenate([first, second])])
-    seen = (turns[: len(first)].inv() * turns[len(first) :]).magnitude() / span_s
-    grid = _grid(track)
-    half = float(np.median(span_s)) / 2
+def _rotation(track: PoseTrack, quaternion_xyzw: Floats, chords: _Chords) -> _Speeds:
+    grid, half = _grid(track), chords.half_s
+    before, after = (Rotation.from_quat(quaternion_xyzw[rows]) for rows in (chords.first, chords.second))
+    seen = (before.inv() * after).magnitude() / chords.span_s
     behind, ahead = (Rotation.from_matrix(track.at(grid + sign * half)[0]) for sign in (-1, 1))
     driven = np.asarray((behind.inv() * ahead).magnitude() / (2 * half), dtype=np.float64)
-    return _Speeds(time_s, seen**2, grid, driven**2)
+    return _Speeds(chords.middle_s, seen**2, grid, driven**2)
 
 
-def _chords(track: PoseTrack, sightings: FlangeSightings) -> tuple[Ints, Ints, Floats, Floats]:
-    """Return pairs of sightings about 60 ms apart: their indices, the middle of their times, their distance in time."""
+def _find_chords(track: PoseTrack, sightings: FlangeSightings) -> _Chords:
+    """Return pairs of sightings 60 ms apart, without a gap between; `AnalysisError` if there are too few."""
     known = np.flatnonzero(sightings.is_known)
     time_s = sightings.time_s[known]
     step = float(np.median(np.diff(time_s))) if len(time_s) > 1 else HALF_WINDOW_S
     lag = max(round(2 * HALF_WINDOW_S / step), 1)
-    first, second = known[:-lag], known[lag:]
-    span_s = sightings.time_s[second] - sightings.time_s[first]
-    middle = (sightings.time_s[second] + sightings.time_s[first]) / 2
+    span_s, middle_s = time_s[lag:] - time_s[:-lag], (time_s[lag:] + time_s[:-lag]) / 2
     even = np.abs(span_s - lag * step) < 0.25 * step
     for edge in (-LARGEST_OFFSET_S - HALF_WINDOW_S, LARGEST_OFFSET_S + HALF_WINDOW_S):
-        even &= track.covers(middle + edge)
-    return first[even], second[even], middle[even], span_s[even]
+        even &= track.covers(middle_s + edge)
+    if even.sum() < FEWEST_SPEEDS:
+        raise AnalysisError(
+            f"The flange's speed was seen at {int(even.sum())} moments while the robot told its pose; at least "
+            f"{FEWEST_SPEEDS} are needed for a time offset.",
+            hint="See that the flange's markers stay in the cameras' common view, and record the run again.",
+        )
+    return _Chords(known[:-lag][even], known[lag:][even], middle_s[even], span_s[even], lag * step / 2)
 
 
 def _grid(track: PoseTrack) -> Floats:

@@ -30,6 +30,8 @@ MEDIAN_OF_CHI3 = 1.5382
 """Median length of a vector with three standard normal components."""
 ROUNDS = 30
 """Reweighting settles in 5 to 15 rounds; with a third of the points wrong in up to 25."""
+NO_INFORMATION = 1e-12
+"""A standard deviation of a million radians, metres or seconds."""
 SMALLEST_SIGMA_M = 1e-9
 """Below a nanometre a spread is rounding: points without noise."""
 
@@ -54,10 +56,6 @@ class RigidTransform:
     def changed_by(self, step: Floats) -> RigidTransform:
         """Return the transform after a small step (6,): turned further about the target's axes (rad), shifted (m)."""
         return RigidTransform(Rotation.from_rotvec(step[:3]).as_matrix() @ self.rotation, self.shift_m + step[3:])
-
-    def angle_to(self, other: RigidTransform) -> float:
-        """Return the angle between the two transforms' rotations, rad."""
-        return float(Rotation.from_matrix(self.rotation.T @ other.rotation).magnitude())
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +114,8 @@ def fit_rigid(source_m: Floats, target_m: Floats, weight: Floats | None = None) 
     source, target = np.nan_to_num(source_m), np.nan_to_num(target_m)
     transform, used = align_points(source, target, given)
     covariance = _covariance(transform, source, target, np.where(used, given, 0.0))
-    verify_told(covariance, "the points lie on one line or too close together: use points spread in three directions")
+    what = "The transform between the points"
+    verify_told(covariance, what, "They lie on one line or too close together: use points spread in three directions.")
     residual = np.where(known, np.linalg.norm(transform.apply(source) - target, axis=1), np.nan)
     return RigidFit(transform, covariance, residual, used)
 
@@ -138,13 +137,16 @@ def estimate_sigma(distance_m: Floats) -> float:
     return max(float(np.median(distance_m)) / MEDIAN_OF_CHI3, SMALLEST_SIGMA_M)
 
 
-def verify_told(covariance: Floats, why: str) -> None:
-    """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold; `why` says what to do."""
+def verify_told(covariance: Floats, what: str, hint: str) -> None:
+    """Raise `AnalysisError` if a step's covariance (6, 6) leaves a direction untold: `what` cannot be told."""
     turn, shift = (np.sqrt(np.linalg.eigvalsh(block)[-1]) for block in (covariance[:3, :3], covariance[3:, 3:]))
-    if not (turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M):
-        turned, shifted = min(np.rad2deg(turn), 180.0), min(shift * 1e3, 1000.0)
-        what = f"{turned:.2g} degrees" if not turn <= MOST_SIGMA_RAD else f"{shifted:.0f} mm"
-        raise AnalysisError(f"The transform cannot be told (standard deviation {what} or more): {why}.")
+    if turn <= MOST_SIGMA_RAD and shift <= MOST_SIGMA_M:
+        return
+    if shift <= MOST_SIGMA_M:
+        sigma, limit = f"{min(np.rad2deg(turn), 180.0):.2g}", f"{np.rad2deg(MOST_SIGMA_RAD):g} degree"
+    else:
+        sigma, limit = f"{shift * 1e3:.3g}" if shift < 1.0 else "over 1000", f"{MOST_SIGMA_M * 1e3:g} mm"
+    raise AnalysisError(f"{what} cannot be told (standard deviation {sigma}, at most {limit}).", hint=hint)
 
 
 def _kabsch(source: Floats, target: Floats, weight: Floats) -> RigidTransform:
@@ -169,7 +171,7 @@ def _covariance(transform: RigidTransform, source: Floats, target: Floats, weigh
 
 def invert_information(information: Floats) -> Floats:
     """Return the covariance of an information matrix; what it does not tell gets a variance beyond all limits."""
-    scale = np.sqrt(np.maximum(np.diag(information), np.finfo(float).tiny))
+    scale = np.sqrt(np.maximum(np.diag(information), NO_INFORMATION))
     value, vector = np.linalg.eigh(information / np.outer(scale, scale))
     value = np.maximum(value, value[-1] * 1e-13)
     return np.asarray((vector / value) @ vector.T / np.outer(scale, scale))

@@ -20,7 +20,7 @@ def calibrate(
     run: Annotated[Path, typer.Argument(metavar="RUN.mcap", help="A run in which the flange's body was tracked.")],
     output: Annotated[Path, typer.Option("--output", help="The calibration file.")] = Path("calibration.toml"),
     flange_body: Annotated[
-        str, typer.Option("--flange-body", help="Rigid body on the flange; left out: [calibration] flange_body.")
+        str, typer.Option("--flange-body", help="Rigid body on the flange; left out: the configuration's flange_body.")
     ] = "",
     config: Annotated[
         Path | None, typer.Option("--config", help="Take the configuration from here, not from the recording.")
@@ -29,8 +29,8 @@ def calibrate(
 ) -> None:
     """Find robot and tracker in one space and one time, and measure the markers' places.
 
-    Writes a calibration file that a configuration names as [calibration] file. Exit code 5 if the file exists (without
-    --force), 6 if the run does not tell what is wanted.
+    Writes a calibration file for a configuration to name. Exit code 5: the file exists, and --force is not given. 6:
+    the run does not tell what is wanted.
     """
     if output.exists() and not force:
         raise RecordingExistsError(
@@ -42,7 +42,7 @@ def calibrate(
 
     recorded = open_run(run)
     settings = load_config(config) if config else recorded.config
-    found = calibrate_run(recorded, settings, flange_body or settings.calibration.flange_body)
+    found = calibrate_run(recorded, settings, flange_body)
     for line in describe_calibration(found):
         print(line)
     _write(found, output, force)

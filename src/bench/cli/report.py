@@ -39,8 +39,8 @@ def report(
         Path | None,
         typer.Option(
             "--config",
-            help="Take [analysis], the cable's limits and the calibration (if it has one) from here, not from the "
-            "recording.",
+            help="Take the analysis' settings, the cable's limits and the calibration (if it has one) from here, not "
+            "from the recording.",
         ),
     ] = None,
 ) -> None:

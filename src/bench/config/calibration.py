@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from bench.config.section import Section
 
@@ -44,6 +44,9 @@ class SpaceCalibration(Section):
     )
     tcp_from_body_shift_m: Triple = Field(description="The body's origin, or the marker, in the TCP frame.")
     tcp_from_body_sd_mm: Triple = Field(description="Standard deviation of its coordinates.")
+    tcp_offset: Six | None = Field(
+        None, description="The TCP in the flange frame, as set on the controller (m, rad): the TCP frame that is meant."
+    )
     residual_rms_mm: float = Field(ge=0, description="Distance between both devices' positions, root mean square.")
     residual_max_mm: float = Field(ge=0, description="The largest that was used.")
     n_frames: int = Field(ge=1, description="Frames compared.")
@@ -84,12 +87,23 @@ class CalibrationConfig(Section):
     flange_body: str = Field(
         "", max_length=200, description="Rigid body that is fixed to the flange, by its name in the tracker's software."
     )
+    flange_marker_m: Triple | None = Field(
+        None,
+        description="Instead of a body: lab-frame position, at the beginning of a calibration run and to 30 mm, of a "
+        "single marker that is fixed to the flange.",
+    )
     file: str = Field(
         "", max_length=1000, description="File written by 'bench calibrate', relative to this configuration's folder."
     )
     measured: Calibration | None = Field(
         None, description="Content of that file: put here when the configuration is read, so that it travels in runs."
     )
+
+    @model_validator(mode="after")
+    def _one_thing_is_on_the_flange(self) -> Self:
+        if self.flange_body and self.flange_marker_m is not None:
+            raise ValueError("give flange_body or flange_marker_m, not both")
+        return self
 
     @property
     def offset_s(self) -> float:

@@ -3,45 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from importlib.metadata import version
-from pathlib import PurePath
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
 from bench.analysis import (
-    ClampDirection,
     FlangeSightings,
     HandEye,
-    MarkerPlaces,
     MotionOffset,
     PoseTrack,
-    estimate_clamp_direction,
     estimate_motion_offset,
     fit_hand_eye,
+    follow_marker,
     make_cycle_source,
-    measure_marker_places,
 )
-from bench.config import Calibration, ClampCalibration, Config, SpaceCalibration, SpacingCalibration, TimeCalibration
+from bench.config import (
+    Calibration,
+    CalibrationConfig,
+    Config,
+)
 from bench.errors import AnalysisError, ConfigError
 from bench.recording import Run
-from bench.report.cycles import place_frames
-from bench.report.ends import seconds_since
-from bench.report.facts import count_driven
-from bench.report.markers import TrackedBodies, find_chain_start
-from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_account, read_frames, read_robot
-from bench.report.trace import trace_cable
+from bench.report.calibrating_cable import SortedCable
+from bench.report.calibration_file import describe_findings
+from bench.report.markers import TrackedBodies
+from bench.report.robot_in_lab import seconds_since
+from bench.report.source import TrackerFrames, load_topics, read_frames, read_robot
 
 __all__ = ["CalibrationResults", "calibrate_run"]
 
-N_BESIDE_CLAMP = 3
-
 Floats = npt.NDArray[np.float64]
-Triple = tuple[float, float, float]
-Six = tuple[float, float, float, float, float, float]
-SixBySix = tuple[Six, Six, Six, Six, Six, Six]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +44,6 @@ class CalibrationResults:
     hand_eye: HandEye
     motion_offset: MotionOffset | None
     """The offset by the flange's speed alone, which needs no space; None where the speed does not tell it."""
-    places: MarkerPlaces | None
-    """None where the cable's markers could not be sorted."""
     configured_m: Floats
     """(k,): the arc lengths of the configuration."""
     n_seen: int
@@ -63,7 +52,7 @@ class CalibrationResults:
     warnings: list[str]
 
 
-def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResults:
+def calibrate_run(run: Run, config: Config, flange_body: str = "") -> CalibrationResults:
     """Calibrate space, time and the markers' places from a recording.
 
     Parameters
@@ -73,10 +62,12 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
     config : Config
         Of the cable and the robot; a calibration in it is not used.
     flange_body : str
-        The rigid body's name in the tracker's software.
+        The rigid body's name in the tracker's software; left out: the body or marker that the configuration names.
 
     Raises
     ------
+    ConfigError
+        Nothing on the flange is named.
     AnalysisError
         The body is not in the recording, or the motion does not tell what is wanted.
     """
@@ -90,20 +81,18 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
         )
     origin_ns = int(robot.counter.host_ns[0])
     track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
-    sightings = _sight_flange(run, frames, flange_body, origin_ns)
-    by_speed = _offset_by_speed(track, sightings)
-    found = fit_hand_eye(track, sightings, by_speed.offset_s if by_speed else 0.0)
+    sightings = _sight_flange(run, frames, config.calibration, flange_body, origin_ns)
+    order = np.argsort(sightings.time_s, kind="stable")
+    by_speed = _offset_by_speed(track, sightings.take(order))
+    found = fit_hand_eye(track, sightings.take(order), by_speed.offset_s if by_speed else 0.0)
     warnings: list[str] = []
-    traced = _Traced.trace(run, frames, robot, config, warnings)
-    places = traced.measure_places(config, warnings) if traced else None
-    clamp = (
-        traced.find_clamp(config, found, track, seconds_since(frames.time_ns, origin_ns), warnings) if traced else None
-    )
+    cable = SortedCable.sort(run, frames, robot, config, sightings, warnings)
+    places = cable.measure_places(config, warnings) if cable else None
+    clamp = cable.find_clamp(config, found, track, sightings.time_s, warnings) if cable else None
     return CalibrationResults(
-        calibration=_describe(run, found, places, clamp),
+        calibration=describe_findings(run, robot.tcp_offset, found, places, clamp),
         hand_eye=found,
         motion_offset=by_speed,
-        places=places,
         configured_m=np.array(config.cable.arc_length_m),
         n_seen=int(sightings.is_known.sum()),
         n_frames=len(frames),
@@ -111,16 +100,20 @@ def calibrate_run(run: Run, config: Config, flange_body: str) -> CalibrationResu
     )
 
 
-def _sight_flange(run: Run, frames: TrackerFrames, name: str, origin_ns: int) -> FlangeSightings:
-    if not name:
-        raise ConfigError(
-            "No rigid body on the flange is named.",
-            hint="Write its name as [calibration] flange_body, or give it with --flange-body.",
-        )
-    bodies = TrackedBodies(run, frames)
-    position, quaternion = bodies.poses(bodies.id_of(name))
-    order = np.argsort(frames.time_ns, kind="stable")
-    return FlangeSightings(seconds_since(frames.time_ns[order], origin_ns), position[order], quaternion[order])
+def _sight_flange(
+    run: Run, frames: TrackerFrames, named: CalibrationConfig, flange_body: str, origin_ns: int
+) -> FlangeSightings:
+    name, time_s = flange_body or named.flange_body, seconds_since(frames.time_ns, origin_ns)
+    if name:
+        bodies = TrackedBodies(run, frames)
+        return FlangeSightings(time_s, *bodies.poses(bodies.id_of(name)))
+    if named.flange_marker_m is not None:
+        start_m = np.array(named.flange_marker_m)
+        return FlangeSightings(time_s, follow_marker(frames.points_m, frames.offsets, time_s, start_m))
+    raise ConfigError(
+        "Nothing on the flange is named.",
+        hint="Name its rigid body as [calibration] flange_body or with --flange-body, or give flange_marker_m.",
+    )
 
 
 def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffset | None:
@@ -129,111 +122,3 @@ def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffs
         return estimate_motion_offset(track, sightings)
     except AnalysisError:
         return None
-
-
-@dataclass(frozen=True, eq=False)
-class _Traced:
-    """The cable's markers in each of F frames, as far as they are sorted without doubt."""
-
-    position_m: npt.NDArray[np.float32]
-    usable: npt.NDArray[np.bool_]
-    anchor_m: Floats | None
-
-    @classmethod
-    def trace(
-        cls, run: Run, frames: TrackerFrames, robot: RobotSamples, config: Config, warnings: list[str]
-    ) -> _Traced | None:
-        """Sort the markers; None, with a warning, where that cannot be done: space and time need no cable."""
-        try:
-            placed = place_frames(frames, robot, config.analysis, read_account(run), count_driven(run, config))
-            start = find_chain_start(run, frames, config, placed.table)
-        except AnalysisError as error:
-            warnings.append(f"The cable's markers were not looked at: {error}")
-            return None
-        warnings += start.warnings
-        traced = trace_cable(frames, start, config)
-        return cls(traced.markers.position_m, traced.complete & traced.trusted, start.anchor_m)
-
-    def measure_places(self, config: Config, warnings: list[str]) -> MarkerPlaces | None:
-        try:
-            first_m = float(config.cable.arc_length_m[0])
-            return measure_marker_places(self.position_m, self.usable, self.anchor_m, first_m)
-        except AnalysisError as error:
-            warnings.append(f"The markers' places were not measured: {error}")
-            return None
-
-    def find_clamp(
-        self, config: Config, found: HandEye, track: PoseTrack, time_s: Floats, warnings: list[str]
-    ) -> ClampDirection | None:
-        """Return the direction of the clamp at the TCP, if that is where the cable ends."""
-        end = config.cable.end
-        if end is None or end.kind != "tcp" or self.position_m.shape[1] < N_BESIDE_CLAMP:
-            return None
-        rows = self.usable & track.covers(time_s + found.offset_s)
-        turn, place = track.at(time_s[rows] + found.offset_s)
-        lab, beside = found.lab_from_base, self.position_m[rows, : -N_BESIDE_CLAMP - 1 : -1].astype(np.float64)
-        in_base = (beside - lab.shift_m) @ lab.rotation
-        in_tcp = (in_base - place[:, None]) @ turn
-        try:
-            return estimate_clamp_direction(in_tcp - np.array(end.clamp_m))
-        except AnalysisError as error:
-            warnings.append(str(error))
-            return None
-
-
-def _describe(run: Run, found: HandEye, places: MarkerPlaces | None, clamp: ClampDirection | None) -> Calibration:
-    return Calibration(
-        run_file=PurePath(run.path).name,
-        run_id=run.run_id,
-        created_utc=datetime.now(tz=UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
-        bench_version=version("cable-bench"),
-        time=TimeCalibration(offset_ms=found.offset_s * 1e3, offset_sd_ms=float(found.sigma[12]) * 1e3),
-        space=_describe_space(found),
-        spacing=_describe_places(places) if places else None,
-        clamp=_describe_clamp(clamp) if clamp else None,
-    )
-
-
-def _describe_places(places: MarkerPlaces) -> SpacingCalibration:
-    return SpacingCalibration(
-        marker_arc_length_m=tuple(np.round(places.arc_length_m, 6).tolist()),
-        sd_mm=tuple(np.round(places.sigma_m * 1e3, 4).tolist()),
-    )
-
-
-def _describe_clamp(clamp: ClampDirection) -> ClampCalibration:
-    return ClampCalibration(direction=_triple(clamp.direction), direction_sd_deg=float(np.rad2deg(clamp.sigma_rad)))
-
-
-def _describe_space(found: HandEye) -> SpaceCalibration:
-    used = found.residual_m[found.used]
-    has_body = bool(np.isfinite(found.sigma[6:9]).all())
-    lab, body = found.lab_from_base, found.tcp_from_body
-    return SpaceCalibration(
-        method="rigid body" if has_body else "marker",
-        lab_from_base_rotation_rad=_triple(Rotation.from_matrix(lab.rotation).as_rotvec()),
-        lab_from_base_shift_m=_triple(lab.shift_m),
-        lab_from_base_covariance=_matrix(found.covariance[:6, :6]),
-        tcp_from_body_rotation_rad=_triple(Rotation.from_matrix(body.rotation).as_rotvec()) if has_body else None,
-        tcp_from_body_shift_m=_triple(body.shift_m),
-        tcp_from_body_sd_mm=_triple(found.sigma[9:12] * 1e3),
-        residual_rms_mm=float(np.sqrt(np.mean(used**2))) * 1e3,
-        residual_max_mm=float(used.max()) * 1e3,
-        n_frames=int(np.isfinite(found.residual_m).sum()),
-        n_outliers=int(np.isfinite(found.residual_m).sum() - found.used.sum()),
-    )
-
-
-def _triple(values: Floats) -> Triple:
-    x, y, z = values.tolist()
-    return x, y, z
-
-
-def _matrix(values: Floats) -> SixBySix:
-    a, b, c, d, e, f = (_six(row) for row in values)
-    return a, b, c, d, e, f
-
-
-def _six(values: Floats) -> Six:
-    a, b, c, d, e, f = values.tolist()
-    return a, b, c, d, e, f

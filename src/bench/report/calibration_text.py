@@ -22,8 +22,10 @@ def describe_calibration(found: CalibrationResults) -> list[str]:
         clamp = found.calibration.clamp
         way = ", ".join(f"{value:.4f}" for value in clamp.direction)
         lines.append(_row("clamp's direction", f"({way}) in the TCP frame, sd {clamp.direction_sd_deg:.2f} degrees"))
-    if found.places is not None:
-        lines += describe_places(found.places, found.configured_m)
+    spacing = found.calibration.spacing
+    if spacing is not None:
+        measured_m, sigma_m = np.array(spacing.marker_arc_length_m), np.array(spacing.sd_mm) * 1e-3
+        lines += describe_places(measured_m, sigma_m, found.configured_m)
     return [*lines, *(f"warning: {text}" for text in found.warnings)]
 
 
@@ -42,7 +44,7 @@ def _describe_space(found: CalibrationResults) -> list[str]:
         _row("residual", f"{space.residual_rms_mm:.3f} mm rms, {space.residual_max_mm:.3f} mm largest"),
         _row("base in lab frame", _shift(space.lab_from_base_shift_m, sigma[3:6])),
         _row("", _turn(space.lab_from_base_rotation_rad, sigma[:3])),
-        _row("body in TCP frame", _shift(space.tcp_from_body_shift_m, sigma[9:12])),
+        _row(f"{space.method.removeprefix('rigid ')} in TCP frame", _shift(space.tcp_from_body_shift_m, sigma[9:12])),
     ]
     if space.tcp_from_body_rotation_rad is not None:
         lines.append(_row("", _turn(space.tcp_from_body_rotation_rad, sigma[6:9])))

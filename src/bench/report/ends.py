@@ -8,16 +8,15 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from bench.analysis import CableEnd, ClampDirection, PoseTrack, RigidTransform, SortedMarkers, make_gates, place_end
-from bench.config import Calibration, Config, EndConfig, HolderConfig
+from bench.analysis import CableEnd, ClampDirection, RigidTransform, SortedMarkers, make_gates, place_end
+from bench.config import Calibration, Config, HolderConfig
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings
 from bench.report.results import EndColumns
-from bench.report.source import RobotSamples, TrackerFrames
+from bench.report.robot_in_lab import RobotInLab
 
-__all__ = ["CableEnds", "compare_last_marker", "find_cable_ends", "seconds_since"]
+__all__ = ["CableEnds", "compare_last_marker", "find_cable_ends"]
 
 Floats = npt.NDArray[np.float64]
-Ints = npt.NDArray[np.int64]
 
 STANDS_STILL = RigidTransform(np.eye(3), np.zeros(3))
 KNOWN_EXACTLY = np.zeros((6, 6))
@@ -49,12 +48,7 @@ class CableEnds:
         )
 
 
-def seconds_since(time_ns: Ints, origin_ns: int) -> Floats:
-    """Return times (n,) as seconds after an origin."""
-    return np.asarray((time_ns - origin_ns) * 1e-9, dtype=np.float64)
-
-
-def find_cable_ends(frames: TrackerFrames, robot: RobotSamples | None, start: ChainStart, config: Config) -> CableEnds:
+def find_cable_ends(start: ChainStart, robot: RobotInLab | None, config: Config) -> CableEnds:
     """Find both ends: the anchor's direction by its clamp, the other end by the robot's pose or its rigid body."""
     ends = CableEnds()
     anchor, end = config.cable.anchor, config.cable.end
@@ -62,8 +56,13 @@ def find_cable_ends(frames: TrackerFrames, robot: RobotSamples | None, start: Ch
         ends.anchor = _place_held(anchor, start.anchor_m, start.bodies)
     if end is None or start.bodies is None:
         return ends
-    if end.kind == "tcp":
-        ends.end = _place_at_tcp(ends, frames, robot, end, config.calibration.measured)
+    if end.kind == "tcp" and robot is not None:
+        ends.end = robot.place(end.clamp_m, _configured(end) or _calibrated(config.calibration.measured))
+    elif end.kind == "tcp":
+        ends.warnings.append(
+            "[cable.end] kind = 'tcp' is not used: it needs a robot that tells its TCP pose, and a calibration "
+            "([calibration] file, made by `bench calibrate`)."
+        )
     elif end.kind == "rigid_body":
         ends.end = _place_held(end, start.bodies.centre(start.bodies.id_of(end.name)), start.bodies)
     return ends
@@ -107,31 +106,6 @@ def _place_held(holder: HolderConfig, place_m: Floats, bodies: TrackedBodies) ->
     return place_end(turn, place_m, np.zeros(3), _configured(holder), STANDS_STILL, KNOWN_EXACTLY)
 
 
-def _place_at_tcp(
-    ends: CableEnds,
-    frames: TrackerFrames,
-    robot: RobotSamples | None,
-    end: EndConfig,
-    calibration: Calibration | None,
-) -> CableEnd | None:
-    if calibration is None or robot is None:
-        ends.warnings.append(
-            "[cable.end] kind = 'tcp' is not used: it needs a robot and a calibration ([calibration] file, made by "
-            "`bench calibrate`)."
-        )
-        return None
-    space, origin_ns = calibration.space, int(robot.counter.host_ns[0])
-    track = PoseTrack(seconds_since(robot.counter.host_ns, origin_ns), robot.tcp_pose)
-    time_s = seconds_since(frames.time_ns, origin_ns)
-    turn, place = track.at(time_s)
-    place[~track.covers(time_s)] = np.nan
-    lab = RigidTransform(
-        Rotation.from_rotvec(space.lab_from_base_rotation_rad).as_matrix(), np.array(space.lab_from_base_shift_m)
-    )
-    clamp = _configured(end) or _calibrated(calibration)
-    return place_end(turn, place, np.array(end.clamp_m), clamp, lab, np.array(space.lab_from_base_covariance))
-
-
 def _configured(holder: HolderConfig) -> ClampDirection | None:
     if holder.clamp_direction is None:
         return None
@@ -139,8 +113,8 @@ def _configured(holder: HolderConfig) -> ClampDirection | None:
     return ClampDirection(direction / np.linalg.norm(direction), float(np.deg2rad(holder.clamp_sd_deg)))
 
 
-def _calibrated(calibration: Calibration) -> ClampDirection | None:
-    clamp = calibration.clamp
+def _calibrated(calibration: Calibration | None) -> ClampDirection | None:
+    clamp = calibration.clamp if calibration else None
     if clamp is None:
         return None
     return ClampDirection(np.array(clamp.direction), float(np.deg2rad(clamp.direction_sd_deg)))

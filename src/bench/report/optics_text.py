@@ -52,7 +52,7 @@ def judge_optics(run: Run, config: Config) -> OpticsFindings:
     ]
     lines = _describe_stretches(cycle, places_m)
     if cycle.places is not None:
-        lines += describe_places(cycle.places, places_m)
+        lines += describe_places(cycle.places.arc_length_m, cycle.places.sigma_m, places_m)
     return OpticsFindings(items, [*lines, *_suggest_speed(cycle, config)])
 
 
@@ -117,7 +117,7 @@ def _judge_places(cycle: SeenCycle, places_m: npt.NDArray[np.float64]) -> CheckI
     apart_mm = 1e3 * np.abs(cycle.places.arc_length_m - places_m)
     worst = int(apart_mm.argmax())
     value = f"up to {apart_mm[worst]:.1f} mm off, sd {1e3 * cycle.places.sigma_m[worst]:.1f} mm"
-    wrong = find_misplaced(cycle.places, places_m)
+    wrong = find_misplaced(cycle.places.arc_length_m, cycle.places.sigma_m, places_m)
     if not len(wrong):
         return CheckItem(name, limit, value, "ok")
     sentence = (

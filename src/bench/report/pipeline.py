@@ -20,6 +20,7 @@ from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
+from bench.report.robot_in_lab import exclude_flange_marker, find_robot
 from bench.report.source import (
     CycleAccount,
     RobotSamples,
@@ -75,7 +76,9 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     account = read_account(run)
     placed = place_frames(frames, robot, config.analysis, account, count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)
-    ends = find_cable_ends(frames, robot, start, config)
+    in_lab = find_robot(frames, robot, config.calibration.measured)
+    exclude_flange_marker(start, frames, in_lab)
+    ends = find_cable_ends(start, in_lab, config)
     traced = trace_cable(frames, start, config, ends.end.position_m if ends.end else None)
     end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
@@ -108,6 +111,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         noted=read_noted(run),
         warnings=[
             *start.warnings,
+            *(in_lab.warn_of_tcp() if in_lab else []),
             *ends.warnings,
             *_warn_of_origin(account),
             *warn_of_steps(run),

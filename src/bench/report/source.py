@@ -87,6 +87,8 @@ class RobotSamples:
     """(n,): of the fastest joint, for each of the samples in `counter`; NaN where unknown."""
     tcp_pose: Floats
     """(n, 6): x, y, z (m) and rotation vector (rad) in the base frame, for each of them; NaN where unknown."""
+    tcp_offset: Floats
+    """(6,): the TCP in the flange frame as most samples have it, likewise; NaN where unknown."""
     gaps: Gaps
     clocks: list[ClockFinding]
 
@@ -198,7 +200,8 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
     tcp_pose = np.asarray(state.tcp_pose, dtype=np.float64)[order]
-    return RobotSamples(source, counter, speed_rad_s, tcp_pose, gaps, _findings("robot", clock, run))
+    tcp_offset = _usual_row(np.asarray(state.tcp_offset, dtype=np.float64))
+    return RobotSamples(source, counter, speed_rad_s, tcp_pose, tcp_offset, gaps, _findings("robot", clock, run))
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:
@@ -241,6 +244,12 @@ def _findings(device: str, clock: AlignedClock, run: Run) -> list[ClockFinding]:
         )
         for s in clock.segments
     ]
+
+
+def _usual_row(values: Floats) -> Floats:
+    """Return the median of the rows that are known; NaN without any."""
+    known = values[np.isfinite(values).all(axis=1)]
+    return np.asarray(np.median(known, axis=0)) if len(known) else np.full(values.shape[1], np.nan)
 
 
 def _ints(values: Array) -> Ints:
