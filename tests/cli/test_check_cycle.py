@@ -6,12 +6,18 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from bench_command import bench, simulated_file
+import typer
+from bench_command import bench as run_command
+from bench_command import simulated_file
 
+import bench.run
 from bench.cli.check import check
-from bench.config import load_config
+from bench.config import Config, load_config
 from bench.errors import ConfigError
+from bench.model import ExitStatus
 from bench.recording import ROBOT, open_run
+from bench.run import RunOptions, RunSummary, RunView
+from bench.run.progress import Ending
 from bench.simulation.markers import Markers
 from bench.simulation.scene import make_cable, make_path
 
@@ -29,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("tracker_rate_hz = 100", "tracker_rate_hz = 60"),
         ("cycle_s = 2.0", "cycle_s = 1.5"),
     )
-    process = bench("check", "--cycle", config, "--speed", "4", "--output", folder / "a.mcap")
+    process = run_command("check", "--cycle", config, "--speed", "4", "--output", folder / "a.mcap")
     assert process.returncode == 0, process.stderr + process.stdout
     (folder / "said.txt").write_text(process.stdout, encoding="utf-8")
     return folder
@@ -43,6 +49,7 @@ def test_all_four_items_stand_in_one_table(folder: Path) -> None:
     table = read_said(folder).split("The optics, by the first cycle in")[1]
     for start in ("warn frame rate      60", "warn markers seen", "ok   common view", "warn marker places"):
         assert f"  {start}" in table
+    assert "(limit: within 1 mm of [cable])" in table
     assert table.rstrip().endswith("Ready, with warnings.")
 
 
@@ -64,7 +71,7 @@ def test_pasted_into_the_configuration_the_lines_pass_their_checks(folder: Path)
     lines.insert(lines.index("[cable]") + 1, speed)
     better = folder / "better.toml"
     better.write_text("\n".join(lines), encoding="utf-8")
-    said_now = bench("check", "--recording", folder / "a.mcap", better).stdout
+    said_now = run_command("check", "--recording", folder / "a.mcap", better).stdout
     assert "ok   marker places" in said_now
     assert "marker_arc_length_m = [" not in said_now
     assert "max_speed_m_s =" not in said_now
@@ -79,9 +86,25 @@ def test_the_cycle_is_driven_slowly_and_the_slider_is_back_afterwards(folder: Pa
 
 
 def test_a_recording_is_judged_by_its_own_configuration_without_a_bench(folder: Path) -> None:
-    process = bench("check", "--recording", folder / "a.mcap")
+    process = run_command("check", "--recording", folder / "a.mcap")
     assert process.returncode == 0, process.stderr
     assert process.stdout.split(".mcap:")[1] == read_said(folder).split("a.mcap:")[1]
+
+
+def test_a_cycle_that_is_not_driven_to_its_end_is_not_judged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def drive(_config: Config, options: RunOptions, _view: RunView) -> RunSummary:
+        ending = Ending(ExitStatus.ABORT, "aborted by the operator")
+        return RunSummary(options.output, ending, 0, 1, {}, 0, 0.0, ["The speed slider was left low."])
+
+    monkeypatch.setattr(bench.run, "run", drive)
+    with pytest.raises(typer.Exit) as caught:
+        check(cycle=True, output=tmp_path / "a.mcap")
+    assert caught.value.exit_code == 4
+    said = capsys.readouterr().out
+    assert "warning: The speed slider was left low." in said
+    assert "The optics were not judged: aborted by the operator." in said
 
 
 @pytest.mark.parametrize(

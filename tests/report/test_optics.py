@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 from run_examples import ARC_LENGTH_M, CYCLE_S, START_S, TRACKER_HZ, RunSpec, cycle_at, radius_at, write_run
 
-from bench.errors import AnalysisError
+from bench.cli.check import check
+from bench.errors import AnalysisError, PreflightError
 from bench.model import CheckItem, RobotState
 from bench.recording import open_run
 from bench.report.optics_text import OpticsFindings, judge_optics
@@ -157,6 +158,19 @@ def test_a_cycle_in_which_a_marker_is_never_seen_fails(tmp_path: Path) -> None:
     assert "0.66 m is seen in 0.0%" in items["markers seen"].sentence
     assert (items["marker places"].verdict, items["marker places"].value) == ("open", "not measured")
     assert any("never seen: nothing tells where it was" in line for line in findings.lines)
+
+
+def test_a_check_that_fails_shows_the_whole_table_first(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def hidden(i: int, points: np.ndarray) -> np.ndarray:
+        return np.asarray(np.linalg.norm(points - marker_at(i, 5), axis=1) < 0.01)
+
+    write_run(tmp_path / "run.mcap", RunSpec(n_cycles=2, change_points=without(hidden)))
+    with pytest.raises(PreflightError, match="In no frame of the cycle") as caught:
+        check(recording=tmp_path / "run.mcap")
+    assert caught.value.exit_code == 4
+    said = capsys.readouterr().out
+    assert "open marker places" in said
+    assert "missing: the marker at 0.66 m" in said
 
 
 def test_many_short_stretches_are_cut_short(tmp_path: Path) -> None:
