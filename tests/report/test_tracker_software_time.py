@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from run_examples import T0_NS, TRACKER_HZ, RunSpec, write_run
 
-from bench.model import StampKind
+from bench.model import DeviceInfo, StampKind
 from bench.recording import open_run
 from bench.report.source import load_topics, read_frames
 
@@ -26,7 +26,9 @@ def late_by_chance(i: int, values: dict[str, Any]) -> dict[str, Any]:
 
 
 def test_its_frames_are_put_on_the_time_line_by_their_earliest_arrivals(tmp_path: Path) -> None:
-    write_run(tmp_path / "run.mcap", RunSpec(seconds=20.0, echoes=False, robot=False, change_points=late_by_chance))
+    old = DeviceInfo("tracker", "natnet", "", detail={"clock_hz": "1000000000"})
+    spec = RunSpec(seconds=20.0, echoes=False, robot=False, change_points=late_by_chance, devices=[old])
+    write_run(tmp_path / "run.mcap", spec)
     run = open_run(tmp_path / "run.mcap")
     load_topics(run)
     frames = read_frames(run)

@@ -103,8 +103,34 @@ def check(
 
 def test_a_bench_that_is_ready_passes_every_item(tmp_path: Path) -> None:
     verdicts = {name: verdict for name, (verdict, _) in check(tmp_path).items()}
+    assert verdicts.pop("frame rate") == "open"
     assert set(verdicts.values()) == {"ok"}
     assert len(verdicts) == 7
+
+
+def test_the_frame_rate_must_be_the_speed_over_the_accuracy(tmp_path: Path) -> None:
+    # the paper's own figures: 1000 mm/s over 10 mm ask for 100 frames/s
+    def verdict_at(speed_m_s: float, accuracy_mm: float = 10.0) -> str:
+        text = simulated_config_text().replace("[cable]", f"[cable]\nmax_speed_m_s = {speed_m_s}")
+        text = text.replace("[tracker]", f"[tracker]\naccuracy_mm = {accuracy_mm}")
+        return check(tmp_path, config=parse_config(text, "lab.toml"))["frame rate"][0]
+
+    assert verdict_at(1.0) == "ok"
+    assert verdict_at(1.1) == "warn"
+    assert verdict_at(1.1, accuracy_mm=12.0) == "ok"
+
+
+def test_a_frame_rate_that_is_too_low_says_what_it_does_reach(tmp_path: Path) -> None:
+    text = simulated_config_text().replace("[cable]", "[cable]\nmax_speed_m_s = 2.5")
+    sentence = check(tmp_path, config=parse_config(text, "lab.toml"))["frame rate"][1]
+    assert "goes 25.0 mm between two frames" in sentence
+
+
+def test_a_speed_nobody_knows_is_said_and_not_guessed(tmp_path: Path) -> None:
+    verdict, sentence = check(tmp_path)["frame rate"]
+    assert verdict == "open"
+    assert "not known" in sentence
+    assert "max_speed_m_s" in sentence
 
 
 def test_every_failure_is_reported_at_once(tmp_path: Path) -> None:

@@ -106,6 +106,7 @@ def test_another_test_is_refused_by_the_keys_that_differ(tmp_path: Path) -> None
 def test_addresses_limits_and_policies_may_change(tmp_path: Path) -> None:
     origin = read_origin(write_run(tmp_path / "a.mcap", 2))
     config = change(change(simulated_config(), "robot", host="127.0.64.9"), "policy", hold_timeout_s=1.0)
+    config = change(config, "cable", max_speed_m_s=1.0)
     verify_origin(origin, change(config, "run", name="b", operator="somebody"), 3)
     assert hash_test(config) == hash_test(origin.config)
 

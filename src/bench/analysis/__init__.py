@@ -6,12 +6,14 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
+from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.following import follow_marker
+from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
@@ -33,6 +35,7 @@ from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.starts import refine_starts
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
+from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
 __all__ = [
     "ESTIMATORS",
@@ -53,6 +56,7 @@ __all__ = [
     "FlangeSightings",
     "Gaps",
     "HandEye",
+    "HiddenStretch",
     "MarkerPlaces",
     "MotionOffset",
     "PoseTrack",
@@ -73,15 +77,18 @@ __all__ = [
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "exclude_near",
+    "fastest_speed",
     "fill_from_end",
     "find_cycles",
     "find_gaps",
+    "find_hidden_stretches",
     "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
     "fit_hand_eye",
     "fit_rigid",
     "fit_spline",
+    "follow_beyond_gaps",
     "follow_marker",
     "gather_positions",
     "get_estimator",
@@ -89,6 +96,7 @@ __all__ = [
     "interpolate_curve",
     "is_symmetric",
     "judge_cycles",
+    "judge_frame_rate",
     "locate_static_marker",
     "make_cycle_source",
     "make_gates",

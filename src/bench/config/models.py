@@ -235,6 +235,13 @@ class CableConfig(Section):
     shorten: float = Field(
         0.25, ge=0, lt=1, description="e2 / D of the paper: how much a chord may shorten. Soft cables reach 0.20-0.30."
     )
+    max_speed_m_s: float | None = Field(
+        None,
+        gt=0,
+        le=100,
+        description="Speed of the fastest marker when the robot drives at full speed; left out: not known, and the "
+        "frame rate not checked. 'bench check --cycle' measures it; twice the speed of the TCP is the paper's guess.",
+    )
     minimum_bend_radius_mm: float = Field(gt=0, description="Catalogue limit: a smaller radius is outcome FAIL.")
     anchor: AnchorConfig
     end: EndConfig | None = Field(None, description="Second anchor: its markers are not the cable's.")

@@ -12,6 +12,17 @@ from bench.config.section import Section
 __all__ = ["AnyTrackerConfig", "QualisysConfig", "TrackerConfig"]
 
 
+Accuracy = Annotated[
+    float,
+    Field(
+        gt=0,
+        le=1000,
+        description="How far a marker may go between two frames, so that the frame rate must be [cable] max_speed_m_s "
+        "over this; the paper's 10 mm.",
+    ),
+]
+
+
 def _verify_group(text: str) -> str:
     if text and not _is_group(text):
         raise ValueError(f"'{text}' is no multicast group: those are 224.0.0.0 to 239.255.255.255")
@@ -45,6 +56,7 @@ class TrackerConfig(Section):
         description="Our own address towards the tracker, which also says on which network card a multicast is "
         "received; empty: chosen by the system.",
     )
+    accuracy_mm: Accuracy = 10.0
 
     @model_validator(mode="after")
     def _belongs_to_a_multicast(self) -> TrackerConfig:
@@ -60,6 +72,7 @@ class QualisysConfig(Section):
     kind: Literal["qualisys"] = Field("qualisys", description="Qualisys Track Manager; needs bench's extra 'qualisys'.")
     host: str = Field(min_length=1, description="Address of the PC that runs QTM.")
     port: int = Field(22223, ge=1, le=65535, description="QTM's little-endian port: its base port (22222) plus 1.")
+    accuracy_mm: Accuracy = 10.0
 
 
 def _kind_of(tracker: object) -> str:

@@ -1,5 +1,6 @@
 """Data only: frozen records and enums. No input, no output, no clock."""
 
+from bench.model.checks import CheckItem
 from bench.model.enums import (
     ClockSource,
     CycleEventKind,
@@ -36,6 +37,7 @@ __all__ = [
     "NO_BITS",
     "NO_ID",
     "UNLABELED",
+    "CheckItem",
     "ClockSample",
     "ClockSource",
     "CycleEvent",

@@ -5,17 +5,14 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bench.config import SpacingCalibration
 from bench.report.calibrating import CalibrationResults
+from bench.report.places_text import describe_places
 
 __all__ = ["describe_calibration"]
 
 Floats = npt.NDArray[np.float64]
 
 WIDTH = 26
-CLEAR_SIGMAS = 3.0
-CLEAR_M = 0.001
-"""A marker that sits further than this from its place, beyond noise, is worth correcting: tape is good to 2 mm."""
 
 
 def describe_calibration(found: CalibrationResults) -> list[str]:
@@ -25,8 +22,10 @@ def describe_calibration(found: CalibrationResults) -> list[str]:
         clamp = found.calibration.clamp
         way = ", ".join(f"{value:.4f}" for value in clamp.direction)
         lines.append(_row("clamp's direction", f"({way}) in the TCP frame, sd {clamp.direction_sd_deg:.2f} degrees"))
-    if found.calibration.spacing is not None:
-        lines += _describe_places(found.calibration.spacing, found.configured_m)
+    spacing = found.calibration.spacing
+    if spacing is not None:
+        measured_m, sigma_m = np.array(spacing.marker_arc_length_m), np.array(spacing.sd_mm) * 1e-3
+        lines += describe_places(measured_m, sigma_m, found.configured_m)
     return [*lines, *(f"warning: {text}" for text in found.warnings)]
 
 
@@ -60,20 +59,6 @@ def _describe_time(found: CalibrationResults) -> list[str]:
     alone = found.motion_offset
     text = f"{alone.offset_s * 1e3:+.2f} ms (sd {alone.sigma_s * 1e3:.2f}), speeds agree to {alone.agreement:.1%}"
     return [*lines, _row("  by the speed alone", text)]
-
-
-def _describe_places(spacing: SpacingCalibration, configured_m: Floats) -> list[str]:
-    measured_m, sigma_m = np.array(spacing.marker_arc_length_m), np.array(spacing.sd_mm) * 1e-3
-    apart = measured_m - configured_m
-    lines = [f"{'marker':<8}{'configured':>12}{'measured':>12}{'sd':>9}{'difference':>12}   (mm, from the anchor)"]
-    rows = zip(configured_m * 1e3, measured_m * 1e3, sigma_m * 1e3, apart * 1e3, strict=True)
-    lines += [f"{i:<8}{was:>12.2f}{now:>12.2f}{sd:>9.3f}{by:>+12.2f}" for i, (was, now, sd, by) in enumerate(rows)]
-    wrong = np.flatnonzero(np.abs(apart) > np.maximum(CLEAR_SIGMAS * sigma_m, CLEAR_M))
-    if len(wrong):
-        places = ", ".join(f"{value:.4f}" for value in measured_m)
-        lines.append(f"{len(wrong)} of {len(apart)} markers sit elsewhere than configured; in [cable] write instead:")
-        lines.append(f"marker_arc_length_m = [{places}]")
-    return lines
 
 
 def _shift(shift_m: tuple[float, float, float], sigma_m: Floats) -> str:

@@ -203,10 +203,14 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         return [*warnings, "The recording holds no tracker frames."]
     fraction = float(traced.complete.mean())
     if fraction == 0:
-        warnings.append("In no frame were all markers found: check marker_arc_length_m, the anchor and the gates.")
+        warnings.append(
+            "In no frame were all markers found: check marker_arc_length_m, the anchor and the gates. "
+            "`bench check --recording` says which are missing where."
+        )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none."
+            f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none. "
+            "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())
     if n_impossible:

@@ -22,7 +22,7 @@ RESUMED = "bench.resumed_from"
 TEST_KEYS = ("run.sample_id", "robot.kind", "robot.program", "tracker.kind", "simulation.cycle_s")
 TEST_TABLES = ("robot.cycle.", "cable.")
 """What makes it the same test: sample, path, and where the markers are. Addresses, limits and policies may change."""
-FREE_KEYS = ("robot.cycle.timeout_s",)
+FREE_KEYS = ("robot.cycle.timeout_s", "cable.max_speed_m_s")
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from bench.config import Config, to_toml
 from bench.errors import ConfigError
-from bench.model import ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
+from bench.model import CheckItem, ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
 from bench.recording import RunWriter
 from bench.run.about import describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
@@ -22,7 +22,7 @@ from bench.run.holding import Holding
 from bench.run.inbox import Fault, Inbox, QueueInbox
 from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
-from bench.run.preflight import Item, check_bench, verify_items
+from bench.run.preflight import check_bench, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.resume import RESUMED, Origin, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
@@ -103,7 +103,7 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
     return session.summarise()
 
 
-def check(config: Config, view: RunView, speed: float = 1.0) -> list[Item]:
+def check(config: Config, view: RunView, speed: float = 1.0) -> list[CheckItem]:
     """Run the preflight alone; nothing is recorded and the robot does not move.
 
     Raises
@@ -246,7 +246,7 @@ class _Session:
         items = _check(self._config, links, self._clock, self._path.parent, expected_s)
         for item in items:
             self._view.show_item(item)
-            if item.verdict != "ok":
+            if item.verdict in ("warn", "fail"):
                 severity = Severity.WARN if item.verdict == "warn" else Severity.ERROR
                 self._writer.put(LogEntry(self._clock.now_ns(), severity, "run", item.sentence))
         verify_items(items)
@@ -326,7 +326,9 @@ def _start_simulator(
     return simulator
 
 
-def _check(config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None) -> list[Item]:
+def _check(
+    config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None
+) -> list[CheckItem]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
     return check_bench(
         config,

@@ -8,13 +8,14 @@ from contextlib import contextmanager
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
+from rich.markup import escape
 from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from bench.model import CheckItem
 from bench.recording import RunWriter
 from bench.run.bench_links import BenchLinks
-from bench.run.preflight import Item
 from bench.run.progress import RunProgress
 from bench.timing import RunClock, patience_ns
 
@@ -23,7 +24,9 @@ __all__ = ["RunView"]
 REDRAW_S = 0.25
 PLAIN_LINE_S = 10.0
 """Seconds of machine time between two lines where there is no terminal: a night gives 3 000 lines at most."""
-MARKS = {"ok": "[green]ok[/]  ", "warn": "[yellow]warn[/]", "fail": "[red]fail[/]"}
+MARKS = {"ok": "[green]ok[/]  ", "warn": "[yellow]warn[/]", "fail": "[red]fail[/]", "open": "[dim]open[/]"}
+REMARKS = {"warn": "yellow", "open": "dim"}
+"""Verdicts with a sentence on the screen; a failure's is in the error."""
 RECENT_CYCLES = 20
 
 
@@ -41,12 +44,13 @@ class RunView:
         """Show one line of news."""
         self._console.print(text, style="dim", highlight=False, markup=False, soft_wrap=True)
 
-    def show_item(self, item: Item) -> None:
+    def show_item(self, item: CheckItem) -> None:
         """Show one preflight item with limit, value and verdict."""
-        line = f"  {MARKS[item.verdict]} {item.name:<15} {item.value} (limit: {item.limit})"
+        line = f"  {MARKS[item.verdict]} {escape(f'{item.name:<15} {item.value} (limit: {item.limit})')}"
         self._console.print(line, highlight=False, soft_wrap=True)
-        if item.verdict == "warn":
-            self._console.print(f"       [yellow]{item.sentence}[/]", highlight=False, soft_wrap=True)
+        if item.verdict in REMARKS:
+            style = REMARKS[item.verdict]
+            self._console.print(f"       {item.sentence}", style=style, highlight=False, markup=False, soft_wrap=True)
 
     @contextmanager
     def live(self) -> Iterator[None]:

@@ -12,6 +12,8 @@ from bench.drivers.tracker.natnet.messages import ConnectRequest, decode_server_
 from bench.drivers.tracker.natnet.models import RigidBodyModel, decode_models
 from bench.drivers.tracker.natnet.wire import Message, encode_packet
 from bench.simulation.admin import AdminServer
+from bench.simulation.program import PathProgram
+from bench.simulation.ur import UrController
 
 HOST = "127.0.32.51"
 PORT = 30_097
@@ -25,7 +27,8 @@ def tracker() -> Iterator[SimulatedTracker]:
 
 @pytest.fixture
 def tell(tracker: SimulatedTracker) -> Iterator[Callable[[str], str]]:
-    admin = AdminServer(HOST, PORT, object(), tracker.server, tracker.clock)
+    robot = UrController(HOST, PathProgram(), tracker.scheduler, tracker.clock, controller_clock=tracker.tracker_clock)
+    admin = AdminServer(HOST, PORT, robot, tracker.server, tracker.clock)
     admin.open()
     with socket.create_connection((HOST, PORT), PATIENCE_S) as link, link.makefile("r") as answers:
 
