@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -185,10 +186,17 @@ def test_garbage_instead_of_qtm_is_an_error_and_no_hang(recorder, monkeypatch, a
 
 
 def test_without_the_library_the_sentence_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "bench.drivers.tracker.qualisys", None)
+    monkeypatch.setitem(sys.modules, "qtm_rt", None)
+    monkeypatch.delitem(sys.modules, "bench.drivers.tracker.qualisys.client", raising=False)
     with pytest.raises(ConfigError, match="qtm-rt") as failure:
         make_tracker(QualisysConfig(host=HOST), RunClock.start())
     assert "cable-bench[qualisys]" in failure.value.hint
+
+
+def test_the_simulated_bench_does_without_the_library():
+    """It speaks QTM's protocol by itself; an extra must not be asked of who only simulates."""
+    code = "import sys; sys.modules['qtm_rt'] = None; import bench.simulation.bench"
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=PATIENCE_S)
 
 
 def test_a_client_can_be_closed_before_it_is_opened(recorder):

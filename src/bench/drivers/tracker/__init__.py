@@ -42,7 +42,7 @@ def make_tracker(
     if config.kind == "natnet":
         return NatNetTracker(config, clock, on_missed=on_missed, on_lost=on_lost, flight=flight)
     try:
-        from bench.drivers.tracker.qualisys import QualisysTracker
+        from bench.drivers.tracker.qualisys.client import QualisysTracker
     except ImportError as error:
         raise ConfigError(
             f"[tracker] kind = 'qualisys' needs the library qtm-rt: {error}.",
