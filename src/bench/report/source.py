@@ -200,7 +200,8 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
     tcp_pose = np.asarray(state.tcp_pose, dtype=np.float64)[order]
-    tcp_offset = _usual_row(np.asarray(state.tcp_offset, dtype=np.float64))
+    # recordings of the first version do not have it
+    tcp_offset = _usual_row(state.tcp_offset) if "tcp_offset" in state else np.full(6, np.nan)
     return RobotSamples(source, counter, speed_rad_s, tcp_pose, tcp_offset, gaps, _findings("robot", clock, run))
 
 
@@ -246,8 +247,9 @@ def _findings(device: str, clock: AlignedClock, run: Run) -> list[ClockFinding]:
     ]
 
 
-def _usual_row(values: Floats) -> Floats:
+def _usual_row(rows: Array) -> Floats:
     """Return the median of the rows that are known; NaN without any."""
+    values = np.asarray(rows, dtype=np.float64)
     known = values[np.isfinite(values).all(axis=1)]
     return np.asarray(np.median(known, axis=0)) if len(known) else np.full(values.shape[1], np.nan)
 
