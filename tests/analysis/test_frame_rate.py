@@ -40,6 +40,12 @@ def test_a_share_leaves_out_what_wrong_points_do() -> None:
     assert fastest_speed(time_ns, position, 0.9) == pytest.approx(0.5, rel=0.03)
 
 
+def test_a_moment_that_is_shown_twice_is_no_speed() -> None:
+    time_ns, position = circling(100.0, 0.5)
+    time_ns[1::20] = time_ns[0:-1:20]
+    assert fastest_speed(time_ns, position) == pytest.approx(0.5, rel=0.03)
+
+
 def test_frames_that_never_came_are_time_that_passed() -> None:
     time_ns, position = circling(100.0, 0.5)
     kept = np.random.default_rng(1).random(len(time_ns)) > 0.3

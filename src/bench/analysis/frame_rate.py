@@ -58,7 +58,7 @@ def fastest_speed(time_ns: Ints, position_m: Floats, share: float = 1.0) -> floa
     Parameters
     ----------
     time_ns : (n,)
-        Moments, ascending.
+        Moments, ascending; a clock with coarse steps may show some twice.
     position_m : (n, m, 3)
         Where the points were, NaN where not seen.
     share : float
@@ -70,7 +70,8 @@ def fastest_speed(time_ns: Ints, position_m: Floats, share: float = 1.0) -> floa
     if len(time_ns) < step + SPEEDS:
         return float("nan")
     way_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=2)
-    speed = way_m / ((time_ns[step:] - time_ns[:-step]) * 1e-9)[:, None]
+    took_ns = (time_ns[step:] - time_ns[:-step]).astype(np.float64)
+    speed = way_m / (np.where(took_ns > 0, took_ns, np.nan) * 1e-9)[:, None]
     usual = np.median(np.lib.stride_tricks.sliding_window_view(speed, SPEEDS, axis=0), axis=2)
     known = usual[:, np.isfinite(usual).any(axis=0)]
     return float(np.nanquantile(known, share, axis=0).max()) if known.size else float("nan")
