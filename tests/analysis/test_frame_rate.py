@@ -33,6 +33,19 @@ def test_one_wrong_point_and_a_gap_are_no_speed() -> None:
     assert fastest_speed(time_ns, position) == pytest.approx(0.5, rel=0.03)
 
 
+def test_a_share_leaves_out_what_wrong_points_do() -> None:
+    time_ns, position = circling(100.0, 0.5)
+    position[40:48:2, 0] += 0.4
+    assert fastest_speed(time_ns, position) > 1.0
+    assert fastest_speed(time_ns, position, 0.9) == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_moment_that_is_shown_twice_is_no_speed() -> None:
+    time_ns, position = circling(100.0, 0.5)
+    time_ns[1::20] = time_ns[0:-1:20]
+    assert fastest_speed(time_ns, position) == pytest.approx(0.5, rel=0.03)
+
+
 def test_frames_that_never_came_are_time_that_passed() -> None:
     time_ns, position = circling(100.0, 0.5)
     kept = np.random.default_rng(1).random(len(time_ns)) > 0.3

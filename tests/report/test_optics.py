@@ -191,12 +191,6 @@ def test_only_the_first_completed_cycle_counts(tmp_path: Path) -> None:
     assert by_name(judge(tmp_path, spec))["markers seen"].verdict == "ok"
 
 
-def test_the_first_cycle_of_a_run_that_is_not_finished_counts(tmp_path: Path) -> None:
-    write_run(tmp_path / "run.mcap", RunSpec(n_cycles=6, finish=False))
-    run = open_run(tmp_path / "run.mcap.active")
-    assert by_name(judge_optics(run, run.config))["markers seen"].verdict == "ok"
-
-
 def test_a_recording_without_a_completed_cycle_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(AnalysisError, match="no completed cycle"):
         judge(tmp_path, RunSpec(n_cycles=1, seconds=START_S + CYCLE_S / 2))

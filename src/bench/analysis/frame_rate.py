@@ -50,7 +50,7 @@ def judge_frame_rate(rate_hz: float, speed_m_s: float | None, accuracy_mm: float
     return CheckItem(name, limit, f"{rate_hz:.1f} Hz", "warn", sentence)
 
 
-def fastest_speed(time_ns: Ints, position_m: Floats) -> float:
+def fastest_speed(time_ns: Ints, position_m: Floats, share: float = 1.0) -> float:
     """Return the largest speed of m points, in m/s; NaN where none is seen in enough samples in a row.
 
     The way over at least 10 ms by its time, and of five such speeds in a row the median.
@@ -58,9 +58,11 @@ def fastest_speed(time_ns: Ints, position_m: Floats) -> float:
     Parameters
     ----------
     time_ns : (n,)
-        Moments, ascending.
+        Moments, ascending; a clock with coarse steps may show some twice.
     position_m : (n, m, 3)
         Where the points were, NaN where not seen.
+    share : float
+        Of each point's speeds, the part that is not to exceed the result: below 1 where some points may be wrong.
     """
     if len(time_ns) < 2:
         return float("nan")
@@ -68,7 +70,8 @@ def fastest_speed(time_ns: Ints, position_m: Floats) -> float:
     if len(time_ns) < step + SPEEDS:
         return float("nan")
     way_m = np.linalg.norm(position_m[step:] - position_m[:-step], axis=2)
-    speed = way_m / ((time_ns[step:] - time_ns[:-step]) * 1e-9)[:, None]
+    took_ns = (time_ns[step:] - time_ns[:-step]).astype(np.float64)
+    speed = way_m / (np.where(took_ns > 0, took_ns, np.nan) * 1e-9)[:, None]
     usual = np.median(np.lib.stride_tricks.sliding_window_view(speed, SPEEDS, axis=0), axis=2)
-    known = usual[np.isfinite(usual)]
-    return float(known.max()) if len(known) else float("nan")
+    known = usual[:, np.isfinite(usual).any(axis=0)]
+    return float(np.nanquantile(known, share, axis=0).max()) if known.size else float("nan")

@@ -38,7 +38,8 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
     A chord c over a cable of curvature kappa is shorter than the cable between its ends, by about c³ kappa² / 24:
     that is 2 / kappa asin(c kappa / 2), with the mean curvature of the circles through neighbouring markers. Each
     spacing is the median, over the half of the frames in which the cable is straightest there, of the chord so
-    lengthened. The anchor counts as a marker.
+    lengthened. From the anchor to the first marker it is a chord like the others, but no circle goes through the
+    anchor: the centre of a rigid body lies beside the cable.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
             hint="Check marker_arc_length_m and the gates, or that the markers are in the cameras' view.",
         )
     chord = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
-    curvature = _mean_curvature(nodes)
+    curvature = _mean_curvature(nodes, is_anchored=anchor_m is not None)
     spacing, variance, bend = np.array([_spacing(chord[:, i], curvature[:, i]) for i in range(chord.shape[1])]).T
     if anchor_m is None:
         spacing, variance, bend = (np.concatenate([[0.0], part]) for part in (spacing, variance, bend))
@@ -77,12 +78,17 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
     return MarkerPlaces(start + np.cumsum(spacing), sigma)
 
 
-def _mean_curvature(nodes: Floats) -> Floats:
-    """Return (F, n - 1): of each chord, the mean of the curvatures of the circles at its two ends."""
+def _mean_curvature(nodes: Floats, *, is_anchored: bool) -> Floats:
+    """Return (F, n - 1): of each chord, the mean of the curvatures of the circles at its two ends.
+
+    The first two chords of an anchored cable have that of the nearest circle through markers alone.
+    """
     before, after = np.diff(nodes[:, :-1], axis=1), np.diff(nodes[:, 1:], axis=1)
     lengths = (np.linalg.norm(part, axis=2) for part in (before, after, before + after))
     product = np.prod(list(lengths), axis=0)
     circle = 2 * np.linalg.norm(np.cross(before, after), axis=2) / np.maximum(product, np.finfo(float).tiny)
+    if is_anchored and circle.shape[1] > 1:
+        circle[:, 0] = circle[:, 1]
     padded = np.concatenate([circle[:, :1], circle, circle[:, -1:]], axis=1)
     return np.asarray((padded[:, :-1] + padded[:, 1:]) / 2)
 

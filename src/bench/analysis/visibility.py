@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
-from bench.analysis.arrays import Bools, Floats, Ints
+from bench.analysis.arrays import Bools, Floats
 from bench.analysis.beyond_gaps import predict_position
 
 __all__ = ["HiddenStretch", "find_hidden_stretches"]
@@ -17,6 +17,8 @@ MOST_HULL_POINTS = 20_000
 """Positions that the hull is made of; a cycle of 800 frames with 10 markers has 8 000."""
 MOST_LOOKS = 50
 """Frames of a stretch in which the marker's place is looked at."""
+NEAR_FRAMES = 10
+"""A tenth of a second at 100 frames/s: a trusted frame further away tells less than a doubtful one beside."""
 SUM_WEIGHT = 1e4
 """How much stronger the shares of the corners are held to a sum of 1 than the place is to the point."""
 
@@ -42,7 +44,9 @@ class HiddenStretch:
         return self.stop - self.start
 
 
-def find_hidden_stretches(position_m: Floats, anchor_m: Floats | None, fewest_frames: int) -> list[HiddenStretch]:
+def find_hidden_stretches(
+    position_m: Floats, anchor_m: Floats | None, trusted: Bools, fewest_frames: int
+) -> list[HiddenStretch]:
     """Find where markers are missing for some frames in a row, and whether they left the view.
 
     The common view of cameras is convex, as each camera's is, so that whatever lies within the convex hull of all that
@@ -55,6 +59,9 @@ def find_hidden_stretches(position_m: Floats, anchor_m: Floats | None, fewest_fr
         Markers in frames of one cycle, in order of time, NaN where not found.
     anchor_m : (F, 3) or None
         Start of the cable.
+    trusted : (F,)
+        Frames that are sorted without doubt. Where a marker was last and next seen is taken from these where one is
+        near, for a point that takes a marker's place as it goes is often another.
     fewest_frames : int
         Shorter stretches are left out.
 
@@ -67,7 +74,7 @@ def find_hidden_stretches(position_m: Floats, anchor_m: Floats | None, fewest_fr
     first = nodes.shape[1] - position_m.shape[1]
     corners_m = _find_corners(nodes)
     return [
-        _describe(nodes, marker, first, start, stop, corners_m)
+        _describe(nodes, marker, first, start, stop, _find_known(trusted, start, stop), corners_m)
         for marker in range(position_m.shape[1])
         for start, stop in _runs(np.isnan(position_m[:, marker, 0]))
         if stop - start >= fewest_frames
@@ -99,20 +106,32 @@ def _way_out(point_m: Floats, corners_m: Floats) -> Floats:
     return np.asarray(-(apart @ share) / share.sum())
 
 
-def _describe(nodes: Floats, marker: int, first: int, start: int, stop: int, corners_m: Floats) -> HiddenStretch:
+def _find_known(trusted: Bools, start: int, stop: int) -> list[int]:
+    """Return the frames before and after a stretch by which to tell where its marker is."""
+    sides = []
+    if start > 0:
+        near = np.flatnonzero(trusted[max(start - NEAR_FRAMES, 0) : start][::-1])
+        sides.append(start - 1 - int(near[0]) if len(near) else start - 1)
+    if stop < len(trusted):
+        near = np.flatnonzero(trusted[stop : stop + NEAR_FRAMES])
+        sides.append(stop + int(near[0]) if len(near) else stop)
+    return sides
+
+
+def _describe(
+    nodes: Floats, marker: int, first: int, start: int, stop: int, known: list[int], corners_m: Floats
+) -> HiddenStretch:
     node = marker + first
-    known = [frame for frame in (start - 1, stop) if 0 <= frame < len(nodes)]
     if not known:
         unknown = np.full(3, np.nan)
         return HiddenStretch(marker, start, stop, unknown, unknown)
     looked_at = np.unique(np.linspace(start, stop - 1, MOST_LOOKS).round().astype(np.int64))
-    out_m = np.array([_way_out(place, corners_m) for place in _predict(nodes, node, looked_at, known)])
+    out_m = np.array([_way_out_at(nodes, node, int(frame), known, corners_m) for frame in looked_at])
     middle = int(np.linalg.norm(out_m, axis=1).argsort()[len(out_m) // 2])
     return HiddenStretch(marker, start, stop, nodes[known[0], node], out_m[middle])
 
 
-def _predict(nodes: Floats, node: int, frames: Ints, known: list[int]) -> Floats:
-    """Return where a node is in frames (n,) in which it is not seen (n, 3), from the frames before and after them."""
-    from_each = np.array([[predict_position(nodes[ref], nodes[frame], node) for frame in frames] for ref in known])
-    nearness = 1.0 / np.abs(frames - np.array(known)[:, None])
-    return np.asarray((from_each * nearness[..., None]).sum(axis=0) / nearness.sum(axis=0)[:, None])
+def _way_out_at(nodes: Floats, node: int, frame: int, known: list[int], corners_m: Floats) -> Floats:
+    """Return how far out (3,) a node is in a frame in which it is not seen: the least that a known frame tells."""
+    told = [_way_out(predict_position(nodes[ref], nodes[frame], node), corners_m) for ref in known]
+    return min(told, key=lambda out_m: float(np.linalg.norm(out_m)))

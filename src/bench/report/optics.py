@@ -36,6 +36,8 @@ Ints = npt.NDArray[np.int64]
 
 MISPLACED_SHARE = 0.15
 """Of the smallest spacing: markers that sit so far off are found all the same, for that is what is asked here."""
+RIGHT_SHARE = 0.98
+"""Of a marker's speeds in doubtful frames: on a real cable with ghosts every fiftieth point was a wrong one."""
 FEWEST_FRAMES = 5
 """A marker that is missing for fewer frames flickers; occlusions last 5 to 50 frames in real recordings."""
 
@@ -108,16 +110,16 @@ def see_first_cycle(run: Run, config: Config) -> SeenCycle:
     start = find_chain_start(run, frames, config, placed.table)
     row, rows = _find_first_cycle(run, frames, placed)
     cycle = _take_frames(frames, start, rows)
-    position, usable = _sort(cycle, config)
-    places, problem = _measure_places(position, usable, cycle.anchor_m, config)
+    position, trusted = _sort(cycle, config)
+    places, problem = _measure_places(position, trusted, cycle.anchor_m, config)
     table = placed.table
     return SeenCycle(
         cycle_index=int(table.cycle_index[row]),
         phase=placed.phase[rows],
         rate_hz=(len(rows) - 1) / ((cycle.time_ns[-1] - cycle.time_ns[0]) * 1e-9),
         position_m=position,
-        stretches=find_hidden_stretches(position.astype(np.float64), cycle.anchor_m, FEWEST_FRAMES),
-        speed_m_s=_find_speed(cycle, position, robot, int(table.start_ns[row]), int(table.end_ns[row])),
+        stretches=find_hidden_stretches(position.astype(np.float64), cycle.anchor_m, trusted, FEWEST_FRAMES),
+        speed_m_s=_find_speed(cycle, position, trusted, robot, int(table.start_ns[row]), int(table.end_ns[row])),
         speed_fraction=_read_speed_fraction(run, int(table.start_ns[row]), int(table.end_ns[row])),
         places=places,
         places_problem=problem,
@@ -164,26 +166,33 @@ def _take_frames(frames: TrackerFrames, start: ChainStart, rows: npt.NDArray[np.
 
 
 def _sort(cycle: _Frames, config: Config) -> tuple[Floats32, Bools]:
-    """Return the markers' positions, and the frames in which they are sorted without doubt."""
+    """Return the markers' positions, and the frames in which the chain found all of them without doubt."""
     _, sort_markers = get_sorter(config.analysis.sorting)
     found = sort_markers(cycle.points_m, cycle.offsets, cycle.usable, cycle.anchor_m, make_sort_settings(config))
-    usable = np.asarray(found.confidence >= TRUSTED_CONFIDENCE, dtype=bool)
+    trusted = np.asarray((found.confidence >= TRUSTED_CONFIDENCE) & (found.source >= 0).all(axis=1), dtype=bool)
     places = np.array(config.cable.arc_length_m)
     source = follow_beyond_gaps(cycle.points_m, cycle.offsets, cycle.usable, found.source, cycle.anchor_m, places)
-    return gather_positions(cycle.points_m, cycle.offsets, source), usable
+    return gather_positions(cycle.points_m, cycle.offsets, source), trusted
 
 
 def _measure_places(
-    position_m: Floats32, usable: Bools, anchor_m: Floats | None, config: Config
+    position_m: Floats32, trusted: Bools, anchor_m: Floats | None, config: Config
 ) -> tuple[MarkerPlaces | None, str]:
     try:
-        return measure_marker_places(position_m, usable, anchor_m, config.cable.arc_length_m[0]), ""
+        return measure_marker_places(position_m, trusted, anchor_m, config.cable.arc_length_m[0]), ""
     except AnalysisError as error:
         return None, str(error)
 
 
-def _find_speed(cycle: _Frames, position_m: Floats32, robot: RobotSamples | None, start_ns: int, end_ns: int) -> float:
-    speeds = [fastest_speed(cycle.time_ns, position_m.astype(np.float64))]
+def _find_speed(
+    cycle: _Frames, position_m: Floats32, trusted: Bools, robot: RobotSamples | None, start_ns: int, end_ns: int
+) -> float:
+    """Return the largest speed in frames without doubt, or nearly the largest in all: a label swap is no speed."""
+    markers_m = position_m.astype(np.float64)
+    speeds = [
+        fastest_speed(cycle.time_ns, np.where(trusted[:, None, None], markers_m, np.nan)),
+        fastest_speed(cycle.time_ns, markers_m, RIGHT_SHARE),
+    ]
     if robot is not None:
         host_ns = robot.counter.host_ns
         inside = (host_ns >= start_ns) & (host_ns < end_ns)

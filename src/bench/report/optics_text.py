@@ -98,14 +98,14 @@ def _judge_seen(cycle: SeenCycle, places_m: npt.NDArray[np.float64]) -> CheckIte
 
 def _judge_view(cycle: SeenCycle, places_m: npt.NDArray[np.float64]) -> CheckItem:
     name, limit = "common view", "no marker leaves it"
-    leaving = [stretch for stretch in cycle.stretches if _leaves(stretch)]
+    leaving = [stretch for stretch in cycle.stretches if _leaves(cycle, stretch)]
     if not leaving:
         return CheckItem(name, limit, "none leaves it" if cycle.seen.any() else "nothing is seen", "ok")
     markers = {stretch.marker_index for stretch in leaving}
     worst = max(leaving, key=_outside_mm)
     sentence = (
         f"The marker at {places_m[worst.marker_index]:g} m goes out of the space in which markers are seen: at phase "
-        f"{_phases(cycle, worst)}, {_last_seen(worst)}, {_fate(worst)}. Aim the cameras there, or move the path."
+        f"{_phases(cycle, worst)}, {_last_seen(worst)}, {_fate(cycle, worst)}. Aim the cameras there, or move the path."
     )
     return CheckItem(name, limit, f"{len(markers)} of {len(places_m)} leave it", "warn", sentence)
 
@@ -127,8 +127,11 @@ def _judge_places(cycle: SeenCycle, places_m: npt.NDArray[np.float64]) -> CheckI
     return CheckItem(name, limit, value, "warn", sentence)
 
 
-def _leaves(stretch: HiddenStretch) -> bool:
-    return _outside_mm(stretch) > OUTSIDE_MM
+def _leaves(cycle: SeenCycle, stretch: HiddenStretch) -> bool:
+    """Return whether a marker has left the view; nothing goes further than the time allows, a wrong point does."""
+    reach_mm = 1e3 * cycle.speed_m_s * stretch.n_frames / cycle.rate_hz / 2
+    outside_mm = _outside_mm(stretch)
+    return outside_mm > OUTSIDE_MM and not outside_mm > reach_mm
 
 
 def _outside_mm(stretch: HiddenStretch) -> float:
@@ -140,7 +143,7 @@ def _describe_stretches(cycle: SeenCycle, places_m: npt.NDArray[np.float64]) -> 
     longest = sorted(cycle.stretches, key=lambda stretch: -stretch.n_frames)
     lines = [
         f"missing: the marker at {places_m[stretch.marker_index]:g} m, phase {_phases(cycle, stretch)} "
-        f"({stretch.n_frames} frames), {_last_seen(stretch)}: {_fate(stretch)}"
+        f"({stretch.n_frames} frames), {_last_seen(stretch)}: {_fate(cycle, stretch)}"
         for stretch in longest[:MOST_LINES]
     ]
     rest = len(longest) - MOST_LINES
@@ -158,10 +161,10 @@ def _last_seen(stretch: HiddenStretch) -> str:
     return f"{'last' if stretch.start > 0 else 'first'} seen at ({place}) m"
 
 
-def _fate(stretch: HiddenStretch) -> str:
+def _fate(cycle: SeenCycle, stretch: HiddenStretch) -> str:
     if np.isnan(stretch.outside_m).any():
         return "nothing tells where it was"
-    if not _leaves(stretch):
+    if not _leaves(cycle, stretch):
         return "hidden, amid what is seen"
     axis = int(np.abs(stretch.outside_m).argmax())
     sign = "+" if stretch.outside_m[axis] > 0 else "-"
