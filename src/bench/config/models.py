@@ -8,12 +8,12 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import Field, Tag, model_validator
 
 from bench.config.calibration import CalibrationConfig
 from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
-from bench.config.section import Section
+from bench.config.section import Section, choose_by_kind
 from bench.config.simulation import SimulationConfig
 from bench.config.tracker import AnyTrackerConfig
 
@@ -142,17 +142,8 @@ class RobotConfig(Section):
     cycle: CycleConfig = Field(default_factory=CycleConfig)
 
 
-def _kind_of(robot: object) -> str:
-    """Choose the model of a [robot] table; a UR's says whatever else is wrong with it."""
-    if isinstance(robot, ModbusRobotConfig) or (isinstance(robot, dict) and robot.get("kind") == "modbus"):
-        return "modbus"
-    known = not isinstance(robot, dict) or robot.get("kind", "ur") == "ur"
-    return "ur" if known else "unknown"
-
-
 AnyRobotConfig = Annotated[
-    Annotated[RobotConfig, Tag("ur")] | Annotated[ModbusRobotConfig, Tag("modbus")],
-    Discriminator(_kind_of, custom_error_type="unknown_kind", custom_error_message="Input should be 'ur' or 'modbus'"),
+    Annotated[RobotConfig, Tag("ur")] | Annotated[ModbusRobotConfig, Tag("modbus")], choose_by_kind("ur", "modbus")
 ]
 
 

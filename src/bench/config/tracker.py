@@ -5,9 +5,9 @@ from __future__ import annotations
 from ipaddress import IPv4Address
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Field, Tag, model_validator
 
-from bench.config.section import Section
+from bench.config.section import Section, choose_by_kind
 
 __all__ = ["AnyTrackerConfig", "QualisysConfig", "TrackerConfig"]
 
@@ -75,17 +75,7 @@ class QualisysConfig(Section):
     accuracy_mm: Accuracy = 10.0
 
 
-def _kind_of(tracker: object) -> str:
-    """Choose the model of a [tracker] table; without a kind it is NatNet's."""
-    if isinstance(tracker, QualisysConfig) or (isinstance(tracker, dict) and tracker.get("kind") == "qualisys"):
-        return "qualisys"
-    known = not isinstance(tracker, dict) or tracker.get("kind", "natnet") == "natnet"
-    return "natnet" if known else "unknown"
-
-
 AnyTrackerConfig = Annotated[
     Annotated[TrackerConfig, Tag("natnet")] | Annotated[QualisysConfig, Tag("qualisys")],
-    Discriminator(
-        _kind_of, custom_error_type="unknown_kind", custom_error_message="Input should be 'natnet' or 'qualisys'"
-    ),
+    choose_by_kind("natnet", "qualisys"),
 ]
