@@ -11,7 +11,7 @@ from run_examples import ROBOT_HZ, RunSpec, write_run
 from bench.errors import AnalysisError, BenchError, ConfigError
 from bench.model import DeviceInfo, RigidBody
 from bench.recording import open_run
-from bench.report.calibrating import calibrate_run
+from bench.report.calibration import calibrate_run
 
 BODIES = [DeviceInfo("tracker", "natnet", "", bodies={1: "flange"})]
 

@@ -11,7 +11,7 @@ from bench.config import load_config, to_toml
 from bench.errors import RecordingError, RecordingExistsError
 
 if TYPE_CHECKING:
-    from bench.report.calibrating import CalibrationResults
+    from bench.report.calibration import CalibrationResults
 
 __all__ = ["calibrate"]
 
@@ -37,8 +37,7 @@ def calibrate(
             f"{output} exists already and is not overwritten.", hint="Choose another --output, or give --force."
         )
     from bench.recording import open_run
-    from bench.report.calibrating import calibrate_run
-    from bench.report.calibration_text import describe_calibration
+    from bench.report.calibration import calibrate_run, describe_calibration
 
     recorded = open_run(run)
     settings = load_config(config) if config else recorded.config

@@ -24,8 +24,8 @@ from bench.config import (
 )
 from bench.errors import AnalysisError, ConfigError
 from bench.recording import Run
-from bench.report.calibrating_cable import SortedCable
-from bench.report.calibration_file import describe_findings
+from bench.report.calibration.cable import SortedCable
+from bench.report.calibration.file import describe_findings
 from bench.report.markers import TrackedBodies
 from bench.report.robot_in_lab import seconds_since
 from bench.report.source import TrackerFrames, load_topics, read_frames, read_robot

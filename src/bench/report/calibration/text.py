@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bench.report.calibrating import CalibrationResults
+from bench.report.calibration.run import CalibrationResults
 from bench.report.places_text import describe_places
 
 __all__ = ["describe_calibration"]
