@@ -79,6 +79,24 @@ def test_late_stamps_are_found_as_the_offset_of_time(lab: Path, found: Calibrati
     assert found.time.offset_sd_ms < 0.1
 
 
+def test_a_lamp_on_a_digital_output_tells_the_offset_too(tmp_path: Path) -> None:
+    lamp = (
+        "[simulation]",
+        '[calibration]\nflange_body = "flange"\nsync_output = 3\nsync_marker_m = [3.0, 2.5, 1.0]\n\n[simulation]',
+    )
+    often = ("cycle_s = 2.0", "cycle_s = 2.713")
+    config = simulated_file(tmp_path, ("bend_test.urp", "calibrate.urp"), lamp, CAMERAS, often)
+    succeed("run", config, "--cycles", "6", "--speed", "4", "--output", tmp_path / "lamp.mcap")
+    told = succeed("calibrate", tmp_path / "lamp.mcap", "--output", tmp_path / "calibration.toml")
+    by_pose, by_lamp = (
+        re.search(rf"by the {what} +([-+][\d.]+) ms \(sd ([\d.]+)\)", told) for what in ("flange's pose", "sync lamp")
+    )
+    assert by_pose is not None
+    assert by_lamp is not None
+    assert abs(float(by_lamp[1]) - float(by_pose[1])) < 3 * float(by_lamp[2])
+    assert load_calibration(tmp_path / "calibration.toml").time.offset_ms == pytest.approx(float(by_pose[1]), abs=1e-3)
+
+
 def true_offset_ms(lab: Path) -> float:
     """Return the offset at which the robot's phase register says what the tracker's truth says of each frame."""
     run, true = open_run(lab / "cal.mcap"), read_columns(lab / "truth")

@@ -33,6 +33,7 @@ from bench.analysis.sources import (
 )
 from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.starts import refine_starts
+from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
@@ -60,6 +61,7 @@ __all__ = [
     "MarkerPlaces",
     "MotionOffset",
     "PoseTrack",
+    "PulseOffset",
     "RigidFit",
     "RigidTransform",
     "RobotSigns",
@@ -69,6 +71,7 @@ __all__ = [
     "Sorter",
     "SpacingGates",
     "StaticMarker",
+    "SwitchTimes",
     "align_by_arrival",
     "align_by_echo",
     "centre_of_labeled",
@@ -76,6 +79,7 @@ __all__ = [
     "describe_source",
     "estimate_clamp_direction",
     "estimate_motion_offset",
+    "estimate_pulse_offset",
     "exclude_near",
     "fastest_speed",
     "fill_from_end",
@@ -107,6 +111,7 @@ __all__ = [
     "phase_from_time",
     "place_end",
     "refine_starts",
+    "see_lamp",
     "sort_by_chain",
     "spread_frames",
     "summarise_cycles",

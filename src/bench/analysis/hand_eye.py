@@ -98,7 +98,9 @@ class HandEye:
         return np.asarray(np.sqrt(np.diag(self.covariance)), dtype=np.float64)
 
 
-def fit_hand_eye(track: PoseTrack, sightings: FlangeSightings, offset_s: float = 0.0) -> HandEye:
+def fit_hand_eye(
+    track: PoseTrack, sightings: FlangeSightings, offset_s: float = 0.0, *, has_other_offset: bool = False
+) -> HandEye:
     """Find lab frame, body and time offset at once from what the tracker saw of the flange.
 
     The pose that the tracker sees is ``lab_from_base * tcp_pose(t + offset) * tcp_from_body``. A start in closed
@@ -115,6 +117,8 @@ def fit_hand_eye(track: PoseTrack, sightings: FlangeSightings, offset_s: float =
         A rigid body's poses, or the positions of a single marker.
     offset_s : float
         Start value of the offset, good to some 50 ms (`estimate_motion_offset`).
+    has_other_offset : bool
+        Whether the offset is known otherwise, so that a motion that does not tell it is no error.
 
     Raises
     ------
@@ -130,7 +134,7 @@ def fit_hand_eye(track: PoseTrack, sightings: FlangeSightings, offset_s: float =
     else:
         lab, body = start_from_body(turn, place, problem.turns, chosen.position_m)
     state, used = problem.solve(_State(lab, body, offset_s))
-    return _describe(problem, state, used, rows, len(sightings.time_s))
+    return _describe(problem, state, used, rows, len(sightings.time_s), has_other_offset=has_other_offset)
 
 
 @dataclass(frozen=True, eq=False)
@@ -265,7 +269,9 @@ def _verify_offset(sigma_s: float) -> None:
         )
 
 
-def _describe(problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows: int) -> HandEye:
+def _describe(
+    problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows: int, *, has_other_offset: bool
+) -> HandEye:
     misfit = problem.misfits(state)
     scale = np.repeat([np.sqrt(np.mean(np.square(misfit[used, i : i + 3]))) for i in range(0, misfit.shape[1], 3)], 3)
     slopes = (problem.slopes(state)[used] / scale[:, None]).reshape(-1, len(problem.free))
@@ -274,7 +280,8 @@ def _describe(problem: _Problem, state: _State, used: Bools, rows: Bools, n_rows
     covariance = np.full((13, 13), np.nan)
     covariance[np.ix_(problem.free, problem.free)] = invert_information(slopes.T @ slopes) * correlation * freedom
     verify_told(covariance[:6, :6], "The robot's place in the lab frame", MORE_AXES)
-    _verify_offset(float(np.sqrt(covariance[12, 12])))
+    if not has_other_offset:
+        _verify_offset(float(np.sqrt(covariance[12, 12])))
     length, angle = np.full(n_rows, np.nan), np.full(n_rows, np.nan)
     length[rows] = np.linalg.norm(misfit[:, :3], axis=1)
     if problem.has_turns:

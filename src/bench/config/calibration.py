@@ -92,6 +92,14 @@ class CalibrationConfig(Section):
         description="Instead of a body: lab-frame position, at the beginning of a calibration run and to 30 mm, of a "
         "single marker that is fixed to the flange.",
     )
+    sync_output: int | None = Field(
+        None,
+        ge=0,
+        le=63,
+        description="Digital output of the robot that switches a lamp which the cameras see as a marker: bench "
+        "calibrate finds the time offset from its pulses too, and takes what is known better.",
+    )
+    sync_marker_m: Triple | None = Field(None, description="Lab-frame position of that lamp, to 10 mm.")
     file: str = Field(
         "", max_length=1000, description="File written by 'bench calibrate', relative to this configuration's folder."
     )
@@ -103,6 +111,12 @@ class CalibrationConfig(Section):
     def _one_thing_is_on_the_flange(self) -> Self:
         if self.flange_body and self.flange_marker_m is not None:
             raise ValueError("give flange_body or flange_marker_m, not both")
+        return self
+
+    @model_validator(mode="after")
+    def _the_lamp_is_described_whole(self) -> Self:
+        if (self.sync_output is None) != (self.sync_marker_m is None):
+            raise ValueError("sync_output and sync_marker_m belong together: what switches the lamp, and where it is")
         return self
 
     @property

@@ -89,6 +89,8 @@ class RobotSamples:
     """(n, 6): x, y, z (m) and rotation vector (rad) in the base frame, for each of them; NaN where unknown."""
     tcp_offset: Floats
     """(6,): the TCP in the flange frame as most samples have it, likewise; NaN where unknown."""
+    digital_outputs: Ints
+    """(n,): bits, for each of the samples; -1 where unknown."""
     gaps: Gaps
     clocks: list[ClockFinding]
 
@@ -200,9 +202,12 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
     tcp_pose = np.asarray(state.tcp_pose, dtype=np.float64)[order]
+    outputs = _ints(state.digital_outputs)[order]
     # recordings of the first version do not have it
     tcp_offset = _usual_row(state.tcp_offset) if "tcp_offset" in state else np.full(6, np.nan)
-    return RobotSamples(source, counter, speed_rad_s, tcp_pose, tcp_offset, gaps, _findings("robot", clock, run))
+    return RobotSamples(
+        source, counter, speed_rad_s, tcp_pose, tcp_offset, outputs, gaps, _findings("robot", clock, run)
+    )
 
 
 def _align_tracker(run: Run, segment: Ints) -> AlignedClock:

@@ -63,6 +63,7 @@ class SimulatedBench:
             raise ConfigError(f"A simulated bench needs a [{missing}] table.", hint="See bench_configs/simulated.toml.")
         self._robot_config, self._tracker_config = config.robot, config.tracker
         self._simulation = config.simulation or SimulationConfig()
+        self._sync_output = config.calibration.sync_output
         self._clock = clock
         self.scheduler = Scheduler(clock)
         path = make_path(config)
@@ -156,7 +157,7 @@ class SimulatedBench:
             counter_register=cycle.counter_register,
             running_register=cycle.running_register,
             phase_register=cycle.phase_register,
-            digital_output=cycle.digital_output,
+            digital_output=self._sync_output if cycle.digital_output is None else cycle.digital_output,
             output_pulses=cycle.digital_output_mode == "pulse",
             remote_control=self._simulation.remote_control,
             rtde_port=robot.rtde_port,

@@ -24,7 +24,7 @@ MOUNTING_STREAM = 1
 
 
 class Markers:
-    """Every physical marker: the cable's k first, then the static one if there is one, then the bodies' four each.
+    """Every physical marker: the cable's k, then the static one and the sync lamp if there are, the bodies' four each.
 
     Parameters
     ----------
@@ -37,6 +37,8 @@ class Markers:
     def __init__(self, config: Config, cable: Cable) -> None:
         self.n_cable = len(config.cable.arc_length_m)
         self.has_static = config.cable.anchor.kind == "static_marker"
+        self.lamp_m = config.calibration.sync_marker_m
+        """Place of the lamp that a digital output switches; None without one. It is the last of the loose markers."""
         if self.has_static and config.cable.arc_length_m[0] < CLOSEST_M:
             raise ConfigError(
                 f"The first marker, at {config.cable.arc_length_m[0]:g} m, lies on the pole's static marker.",
@@ -62,7 +64,7 @@ class Markers:
     @property
     def n_loose(self) -> int:
         """Markers that belong to no rigid body."""
-        return self.n_cable + self.has_static
+        return self.n_cable + self.has_static + (self.lamp_m is not None)
 
     def measure_bodies(self, place: float, noise_m: Floats) -> tuple[RigidBody, ...]:
         """Return the bodies as the tracker fits them to their markers, which it measures with `noise_m`."""
@@ -74,5 +76,7 @@ class Markers:
         parts = [cable.points_along_path(self.arc_length_m) + off_m]
         if self.has_static:
             parts.append(cable.points_along_path((0.0,)))
+        if self.lamp_m is not None:
+            parts.append(np.broadcast_to(self.lamp_m, (cable.n_places, 1, 3)))
         parts += [np.broadcast_to(body.marker_positions(), (cable.n_places, BODY_SIZE, 3)) for body in self.bodies]
         return np.concatenate(parts, axis=1)

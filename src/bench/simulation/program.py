@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from bench.model import Vector6
 from bench.simulation.path import JointPath, place_at_phase, rate_at_phase
 
-__all__ = ["Motion", "PathProgram"]
+__all__ = ["PULSE_PHASE", "Motion", "PathProgram"]
 
+PULSE_PHASE = 0.1
+"""A pulse of the program's digital output lasts this share of the cycle: long enough for 125 Hz in one of 0.2 s."""
 SHORTEST_RETURN = 0.1
 """A return to the start of the path takes at least this share of a cycle."""
 

@@ -18,7 +18,7 @@ from bench.simulation.layout import Layout
 from bench.simulation.markers import Markers
 from bench.simulation.path import JointPath
 from bench.simulation.points import Points
-from bench.simulation.program import Motion, PathProgram
+from bench.simulation.program import PULSE_PHASE, Motion, PathProgram
 from bench.simulation.sight import Occlusion, SelfOcclusion
 
 __all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout", "make_path"]
@@ -98,6 +98,8 @@ class Scene:
         self.cable = cable or make_cable(config, program.path)
         self._markers = markers = Markers(config, self.cable)
         self._flange_body = config.calibration.flange_body
+        pulses = config.robot is not None and config.robot.cycle.digital_output_mode == "pulse"
+        self._lit_until = PULSE_PHASE if pulses else 2.0
         self.bodies = {body.body_id: (body.name, body.markers_m.copy()) for body in markers.bodies}
         """Rigid bodies by id: name and (4, 3) marker offsets in the body's own coordinates."""
         self._last_bodies: dict[int, RigidBody] = {}
@@ -114,7 +116,7 @@ class Scene:
             points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
         all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, self._reflections_m, true_m[n_loose:]])
         noise = self._rng.standard_normal(all_m.shape) * self._noise_m
-        bodies = self._hide(motion.place, noise[points.first_member :])
+        bodies = self._hide(motion, noise[points.first_member :])
         order = points.order()
         if self.truth is not None:
             self.truth(frame_number, host_ns, motion, self._sources(order))
@@ -165,9 +167,12 @@ class Scene:
         shaky_mm = np.hypot(simulation.noise_mm, simulation.reflection_jitter_mm)
         self._noise_m[n_loose + n_ghosts : self._points.first_member] = shaky_mm * 1e-3
 
-    def _hide(self, place: float, members_noise_m: npt.NDArray[np.float64]) -> tuple[RigidBody, ...]:
+    def _hide(self, motion: Motion, members_noise_m: npt.NDArray[np.float64]) -> tuple[RigidBody, ...]:
         """Hide what is hidden in this frame and return the bodies as the tracker sees them."""
-        hidden = self._occlusion.step()
+        place, hidden = motion.place, self._occlusion.step()
+        if self._markers.lamp_m is not None and not self._is_lit(motion):
+            hidden = hidden.copy()
+            hidden[-1] = True
         if self._shadow is None:
             self._points.hide(hidden)
             return self._markers.measure_bodies(place, members_noise_m)
@@ -180,6 +185,10 @@ class Scene:
         self._points.hide_members(shadow[n_loose:], lost)
         bodies = self._markers.measure_bodies(place, members_noise_m)
         return tuple(self._track(body, bool(is_lost)) for body, is_lost in zip(bodies, lost, strict=True))
+
+    def _is_lit(self, motion: Motion) -> bool:
+        """Tell whether the digital output that switches the lamp is high."""
+        return motion.cycle_running == 1 and motion.phase < self._lit_until
 
     def _track(self, body: RigidBody, is_lost: bool) -> RigidBody:
         """Return a body, or its last pose and that it is not tracked."""

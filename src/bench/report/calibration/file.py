@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from bench.analysis import ClampDirection, HandEye, MarkerPlaces
+from bench.analysis import ClampDirection, HandEye, MarkerPlaces, PulseOffset
 from bench.config import Calibration, ClampCalibration, SpaceCalibration, SpacingCalibration, TimeCalibration
 from bench.recording import Run
 
@@ -23,19 +23,30 @@ SixBySix = tuple[Six, Six, Six, Six, Six, Six]
 
 
 def describe_findings(
-    run: Run, tcp_offset: Floats, found: HandEye, places: MarkerPlaces | None, clamp: ClampDirection | None
+    run: Run,
+    tcp_offset: Floats,
+    found: HandEye,
+    by_pulses: PulseOffset | None,
+    places: MarkerPlaces | None,
+    clamp: ClampDirection | None,
 ) -> Calibration:
-    """Return a calibration's content."""
+    """Return a calibration's content; its time is what is known best."""
     return Calibration(
         run_file=PurePath(run.path).name,
         run_id=run.run_id,
         created_utc=datetime.now(tz=UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
         bench_version=version("cable-bench"),
-        time=TimeCalibration(offset_ms=found.offset_s * 1e3, offset_sd_ms=float(found.sigma[12]) * 1e3),
+        time=_describe_time(found, by_pulses),
         space=_describe_space(found, tcp_offset),
         spacing=_describe_places(places) if places else None,
         clamp=_describe_clamp(clamp) if clamp else None,
     )
+
+
+def _describe_time(found: HandEye, by_pulses: PulseOffset | None) -> TimeCalibration:
+    if by_pulses is not None and not found.sigma[12] <= by_pulses.sigma_s:
+        return TimeCalibration(offset_ms=by_pulses.offset_s * 1e3, offset_sd_ms=by_pulses.sigma_s * 1e3)
+    return TimeCalibration(offset_ms=found.offset_s * 1e3, offset_sd_ms=float(found.sigma[12]) * 1e3)
 
 
 def _describe_places(places: MarkerPlaces) -> SpacingCalibration:

@@ -12,10 +12,14 @@ from bench.analysis import (
     HandEye,
     MotionOffset,
     PoseTrack,
+    PulseOffset,
+    SwitchTimes,
     estimate_motion_offset,
+    estimate_pulse_offset,
     fit_hand_eye,
     follow_marker,
     make_cycle_source,
+    see_lamp,
 )
 from bench.config import (
     Calibration,
@@ -28,7 +32,7 @@ from bench.report.calibration.cable import SortedCable
 from bench.report.calibration.file import describe_findings
 from bench.report.markers import TrackedBodies
 from bench.report.robot_in_lab import seconds_since
-from bench.report.source import TrackerFrames, load_topics, read_frames, read_robot
+from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_frames, read_robot
 
 __all__ = ["CalibrationResults", "calibrate_run"]
 
@@ -44,6 +48,8 @@ class CalibrationResults:
     hand_eye: HandEye
     motion_offset: MotionOffset | None
     """The offset by the flange's speed alone, which needs no space; None where the speed does not tell it."""
+    pulse_offset: PulseOffset | None
+    """The offset by the pulses of a sync lamp; None without one."""
     configured_m: Floats
     """(k,): the arc lengths of the configuration."""
     n_seen: int
@@ -84,15 +90,19 @@ def calibrate_run(run: Run, config: Config, flange_body: str = "") -> Calibratio
     sightings = _sight_flange(run, frames, config.calibration, flange_body, origin_ns)
     order = np.argsort(sightings.time_s, kind="stable")
     by_speed = _offset_by_speed(track, sightings.take(order))
-    found = fit_hand_eye(track, sightings.take(order), by_speed.offset_s if by_speed else 0.0)
+    by_pulses = _offset_by_pulses(frames, robot, config.calibration, origin_ns)
+    start = by_pulses or by_speed
+    offset_s = start.offset_s if start else 0.0
+    found = fit_hand_eye(track, sightings.take(order), offset_s, has_other_offset=by_pulses is not None)
     warnings: list[str] = []
     cable = SortedCable.sort(run, frames, robot, config, sightings, warnings)
     places = cable.measure_places(config, warnings) if cable else None
     clamp = cable.find_clamp(config, found, track, sightings.time_s, warnings) if cable else None
     return CalibrationResults(
-        calibration=describe_findings(run, robot.tcp_offset, found, places, clamp),
+        calibration=describe_findings(run, robot.tcp_offset, found, by_pulses, places, clamp),
         hand_eye=found,
         motion_offset=by_speed,
+        pulse_offset=by_pulses,
         configured_m=np.array(config.cable.arc_length_m),
         n_seen=int(sightings.is_known.sum()),
         n_frames=len(frames),
@@ -122,3 +132,17 @@ def _offset_by_speed(track: PoseTrack, sightings: FlangeSightings) -> MotionOffs
         return estimate_motion_offset(track, sightings)
     except AnalysisError:
         return None
+
+
+def _offset_by_pulses(
+    frames: TrackerFrames, robot: RobotSamples, named: CalibrationConfig, origin_ns: int
+) -> PulseOffset | None:
+    if named.sync_output is None or named.sync_marker_m is None:
+        return None
+    lit = see_lamp(frames.points_m, frames.offsets, np.array(named.sync_marker_m))
+    order = np.argsort(frames.time_ns, kind="stable")
+    lamp = SwitchTimes.find(seconds_since(frames.time_ns, origin_ns)[order], lit[order])
+    known = robot.digital_outputs >= 0
+    is_on = (robot.digital_outputs[known] >> named.sync_output & 1) == 1
+    output = SwitchTimes.find(seconds_since(robot.counter.host_ns[known], origin_ns), is_on)
+    return estimate_pulse_offset(output, lamp)

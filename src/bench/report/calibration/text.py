@@ -54,6 +54,14 @@ def _describe_space(found: CalibrationResults) -> list[str]:
 def _describe_time(found: CalibrationResults) -> list[str]:
     time = found.calibration.time
     lines = [_row("tracker's time offset", f"{time.offset_ms:+.3f} ms (sd {time.offset_sd_ms:.3f})")]
+    if found.pulse_offset is not None:
+        pulses, pose_sd_s = found.pulse_offset, float(found.hand_eye.sigma[12])
+        text = f"{pulses.offset_s * 1e3:+.2f} ms (sd {pulses.sigma_s * 1e3:.2f})"
+        switchings = f"{pulses.n_agreeing} of {pulses.n_edges} switchings agree"
+        lines.append(
+            _row("  by the flange's pose", f"{found.hand_eye.offset_s * 1e3:+.3f} ms (sd {pose_sd_s * 1e3:.3f})")
+        )
+        lines.append(_row("  by the sync lamp", f"{text}, {switchings}"))
     if found.motion_offset is None:
         return [*lines, _row("  by the speed alone", "not told: the speed hardly changes, or repeats itself")]
     alone = found.motion_offset

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from bench.drivers.robot.ur.recipe import Value
-from bench.simulation.program import Motion, PathProgram
+from bench.simulation.program import PULSE_PHASE, Motion, PathProgram
 from bench.simulation.ur.kinds import E_SERIES, ControllerKind
 from bench.simulation.ur.script import ControlScript
 from bench.simulation.ur.variables import initial_values
@@ -20,8 +20,6 @@ RUNTIME_STATES = {"STOPPED": 1, "PLAYING": 2, "PAUSED": 4}
 HOLDING_CURRENT_A = (0.0, 2.6, 1.4, 0.35, 0.1, 0.05)
 CURRENT_PER_SPEED = 1.2
 """Amperes per rad/s."""
-PULSE_PHASE = 0.1
-"""A pulse lasts this share of the cycle: long enough for 125 Hz in a cycle of 0.2 s."""
 UNLIMITED = 1 << 31
 """Grants of a program that waits for none."""
 UNLOCK_AFTER_NS = 5_000_000_000
