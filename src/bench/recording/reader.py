@@ -18,8 +18,9 @@ from bench.config import Config, parse_config
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
-from bench.recording.container import Container, DamagedError, scan_container
+from bench.recording.container import Container, DamagedError
 from bench.recording.loading import opened, read_topics
+from bench.recording.scanning import scan_container
 from bench.recording.topics import BODIES, FRAME, POINTS, STATS
 
 __all__ = ["Run", "RunStatus", "open_run"]
