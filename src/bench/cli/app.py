@@ -15,6 +15,7 @@ from bench.cli.export import export
 from bench.cli.import_ import import_
 from bench.cli.report import report
 from bench.cli.run import run
+from bench.cli.salvage import salvage
 from bench.cli.simulate import simulate
 from bench.errors import BenchError
 
@@ -34,6 +35,7 @@ app.command("report")(report)
 app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
+app.command("salvage")(salvage)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
 

@@ -28,10 +28,12 @@ __all__ = [
     "ATTACHMENT",
     "CHANNEL",
     "HEAD",
+    "INDEX_HEAD",
     "LARGEST_CHUNK",
     "LARGEST_NOTE",
     "MAGIC",
     "MESSAGE",
+    "MESSAGE_INDEX",
     "METADATA",
     "SCHEMA",
     "Channel",
@@ -42,6 +44,7 @@ __all__ = [
     "count_messages",
     "describe_chunk",
     "has_sound_index",
+    "index_messages",
     "read_chunk",
     "read_offsets",
     "walk_records",
@@ -54,9 +57,11 @@ LARGEST_NOTE = 64 << 20
 """Bytes of a schema, channel or metadata record."""
 MOST_DAMAGE = 1000
 """Damaged parts that are named one by one."""
-SCHEMA, CHANNEL, MESSAGE, ATTACHMENT, METADATA = 3, 4, 5, 9, 12
+SCHEMA, CHANNEL, MESSAGE, MESSAGE_INDEX, ATTACHMENT, METADATA = 3, 4, 5, 7, 9, 12
 HEAD = struct.Struct("<BQ")
 """Of every record: opcode and length of what follows."""
+INDEX_HEAD = struct.Struct("<HI")
+"""Of a message index: channel and bytes of entries."""
 _MESSAGE_HEAD = 22  # channel, sequence, two times
 
 Offsets = npt.NDArray[np.int64]
@@ -81,11 +86,11 @@ class Channel:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """A metadata record or an attachment: where it is, head included."""
+    """A definition, metadata or an attachment outside of chunks: where its record begins and ends."""
 
     opcode: int
-    offset: int
-    size: int
+    start: int
+    end: int
 
 
 @dataclass(slots=True)
@@ -139,9 +144,11 @@ class Container:
     registered: dict[int, records.Channel] = field(default_factory=dict)
     """The channels as the file defines them."""
     notes: list[Note] = field(default_factory=list)
-    """Metadata and attachments, in the order of the file."""
+    """What stands outside of chunks, in the order of the file."""
     data_ended: bool = False
     """What follows is the summary."""
+    repeated: list[tuple[Note, bytes]] = field(default_factory=list)
+    """Definitions in the summary, which count when its checksum is right."""
     current: Chunk | None = None
     """The chunk that the next index records belong to."""
 
@@ -189,17 +196,25 @@ def describe_chunk(chunk: Chunk, channels: Mapping[int, Channel]) -> str:
 
 
 def has_sound_index(descriptor: int, chunk: Chunk, data: bytes) -> bool:
-    """Tell whether the message index that follows a chunk says truly where its messages are, and of what times."""
-    n_indexed = 0
+    """Tell whether the message index behind a chunk names all of its messages, and their places and times."""
+    n_bytes, expected = 0, chunk.end
     for channel, (position, n) in chunk.index.items():
+        expected += HEAD.size + INDEX_HEAD.size
         entries = np.frombuffer(os.pread(descriptor, 16 * n, position), "<u8")
-        if len(entries) != 2 * n or not _are_messages(data, entries[1::2], channel):
+        times, offsets = entries[0::2], entries[1::2]
+        if position != expected or len(entries) != 2 * n or not _are_messages(data, offsets, channel):
             return False
-        times: npt.NDArray[np.uint64] = np.ndarray((max(len(data) - 22, 0),), "<u8", data, offset=15, strides=(1,))
-        if n and (times[entries[1::2]] != entries[0::2]).any():
+        expected += 16 * n
+        if (_read_u64(data, offsets + np.uint64(HEAD.size + 6)) != times).any():
             return False
-        n_indexed += n
-    return n_indexed > 0
+        n_bytes += HEAD.size * n + int(_read_u64(data, offsets + np.uint64(1)).sum())
+    # what is left over are definitions, or messages that the index does not name
+    return n_bytes == len(data) or count_messages(data) == chunk.counts
+
+
+def _read_u64(data: bytes, offsets: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+    places: npt.NDArray[np.uint64] = np.ndarray((max(len(data) - 7, 0),), "<u8", data, strides=(1,))
+    return places[offsets]
 
 
 def read_offsets(descriptor: int, chunk: Chunk, data: bytes) -> dict[int, Offsets]:
@@ -227,7 +242,11 @@ def _are_messages(data: bytes, entries: npt.NDArray[np.uint64], channel: int) ->
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    data = bytes(decompressor.decompress(packed, max_length=size + 1))
+    if len(data) == size and not decompressor.eof:
+        raise ValueError("its end mark is missing")  # without which other readers refuse it
+    return data
 
 
 def _unpack_zstd(packed: bytes, size: int) -> bytes:
@@ -259,6 +278,16 @@ def walk_records(data: bytes) -> Iterator[tuple[int, int, int]]:
 def count_messages(data: bytes) -> dict[int, int]:
     """Return how many messages of each channel are in an unpacked chunk, by reading all of it."""
     return {channel: len(offsets) for channel, offsets in _walk_messages(data).items()}
+
+
+def index_messages(data: bytes) -> dict[int, bytes]:
+    """Return a message index record for each channel in an unpacked chunk, made by reading all of it."""
+    made = {}
+    for channel, offsets in _walk_messages(data).items():
+        entries = np.stack([_read_u64(data, (offsets + HEAD.size + 6).astype("<u8")), offsets.astype("<u8")], axis=1)
+        body = INDEX_HEAD.pack(channel, entries.nbytes) + entries.tobytes()
+        made[channel] = HEAD.pack(MESSAGE_INDEX, len(body)) + body
+    return made
 
 
 def _walk_messages(data: bytes) -> dict[int, Offsets]:

@@ -25,6 +25,9 @@ from bench.recording.topics import BODIES, FRAME, POINTS, STATS
 
 __all__ = ["Run", "RunStatus", "open_run"]
 
+SALVAGE = "bench.salvage"
+"""Metadata of a file that was salvaged: what was lost."""
+LAST_SECOND = "what was received in about the last second before the recording broke off"
 _DEVICE = "bench.device."
 
 
@@ -234,11 +237,14 @@ def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
 
 
 def _describe_status(container: Container, exit_status: str) -> RunStatus:
-    lost = [*container.damage, *_describe_missing_end(container)]
+    salvaged = container.metadata.get(SALVAGE, {}).get("lost", "")
+    lost = [*filter(None, [salvaged]), *container.damage, *_describe_missing_end(container)]
     n_messages = sum(_count_by_topic(container).values())
     read = f"{n_messages} messages{_describe_end(container)}"
-    if container.finished:
-        text = f"complete: {read}, exit status {exit_status}" if not lost else f"damaged: {read} could be read"
+    if container.finished and container.damage:
+        text = f"damaged: {read} could be read"
+    elif container.finished:
+        text = f"{'salvaged' if salvaged else 'complete'}: {read}, exit status {exit_status}"
     else:
         text = f"unfinished: {read} were read, then {container.problem}"
     return RunStatus(not lost, text, "; ".join(lost), container.end, container.size)
@@ -251,7 +257,7 @@ def _describe_missing_end(container: Container) -> list[str]:
         return ["only the file's summary, every record is there"]
     unread = container.size - container.end
     rest = f"{unread} bytes from byte {container.end} on and " if unread else ""
-    return [f"{rest}what was received in about the last second before the recording broke off"]
+    return [rest + LAST_SECOND]
 
 
 def _describe_end(container: Container) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import struct
+import zlib
 from io import BytesIO
 
 from mcap import records
@@ -18,10 +19,12 @@ from bench.recording.container import (
     ATTACHMENT,
     CHANNEL,
     HEAD,
+    INDEX_HEAD,
     LARGEST_CHUNK,
     LARGEST_NOTE,
     MAGIC,
     MESSAGE,
+    MESSAGE_INDEX,
     METADATA,
     SCHEMA,
     Channel,
@@ -41,11 +44,11 @@ MOST_NOTES = 100_000
 """Records outside of chunks; a run file has some twenty."""
 SEARCH_BYTES = 1 << 20
 """Bytes looked through at a time for the next chunk behind damage."""
-_CHUNK, _MESSAGE_INDEX, _FOOTER, _DATA_END = 6, 7, 2, 15
+_CHUNK, _FOOTER, _DATA_END = 6, 2, 15
 _KNOWN = frozenset(range(1, 16))
 _PRIVATE = 0x80
 _CHUNK_HEAD = struct.Struct("<QQQII")
-_INDEX_HEAD = struct.Struct("<HI")
+_FOOTER_BODY = struct.Struct("<QQI")
 _LARGEST_HEAD = 96  # bytes: more than the head of any chunk
 _COMPRESSION = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 
@@ -58,9 +61,11 @@ def scan_container(descriptor: int) -> Container:
     DamagedError
         The file does not begin as an MCAP file does.
     """
-    if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
-        raise DamagedError("is not an MCAP file")
     found = Container(size=os.fstat(descriptor).st_size)
+    if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
+        if _find_chunk(descriptor, len(MAGIC), min(found.size, SEARCH_BYTES)) is None:
+            raise DamagedError("is not an MCAP file")
+        found.note_damage(0, "the opening bytes are wrong")
     offset = len(MAGIC)
     while not found.finished:
         try:
@@ -98,14 +103,14 @@ def _scan_record(descriptor: int, offset: int, found: Container) -> int:
     body = offset + HEAD.size
     if opcode == _CHUNK:
         _note_chunk(head[HEAD.size :], body, length, found)
-    elif opcode == _MESSAGE_INDEX:
+    elif opcode == MESSAGE_INDEX:
         _note_index(head[HEAD.size :], body, length, found)
     elif opcode == MESSAGE:
         raise DamagedError(f"a message stands outside a chunk at byte {offset}")
     elif opcode in {SCHEMA, CHANNEL, METADATA, ATTACHMENT}:
-        _note_record(descriptor, Note(opcode, offset, HEAD.size + length), found)
+        _note_record(descriptor, Note(opcode, offset, offset + HEAD.size + length), found)
     elif opcode == _FOOTER:
-        found.finished = True
+        _end_summary(descriptor, offset, head[HEAD.size :], found)
     found.data_ended |= opcode == _DATA_END
     return int(length)
 
@@ -139,9 +144,27 @@ def _note_record(descriptor: int, note: Note, found: Container) -> None:
     if len(found.notes) >= MOST_NOTES:
         raise DamagedError(f"more than {MOST_NOTES} records stand outside of chunks")
     found.notes.append(note)
-    if note.opcode != ATTACHMENT:
-        body = note.offset + HEAD.size
-        _note_definition(note.opcode, body, _read_note(descriptor, body, note.size - HEAD.size), found)
+    if note.opcode == ATTACHMENT:
+        return
+    start = note.start + HEAD.size
+    body = _read_note(descriptor, start, note.end - start)
+    if found.data_ended:
+        found.repeated.append((note, body))
+    else:
+        _note_definition(note.opcode, start, body, found)
+
+
+def _end_summary(descriptor: int, offset: int, footer: bytes, found: Container) -> None:
+    """Believe what the summary repeats if its checksum is right; otherwise it is read from the chunks."""
+    found.finished = True
+    if len(footer) < _FOOTER_BODY.size:
+        return
+    start, _, checksum = _FOOTER_BODY.unpack_from(footer)
+    size = offset + HEAD.size + _FOOTER_BODY.size - 4 - start
+    if checksum and not (0 < size <= LARGEST_CHUNK and zlib.crc32(os.pread(descriptor, size, start)) == checksum):
+        return
+    for note, body in found.repeated:
+        _note_definition(note.opcode, note.start, body, found)
 
 
 def _note_chunk(head: bytes, body: int, length: int, found: Container) -> None:
@@ -163,16 +186,16 @@ def _note_chunk(head: bytes, body: int, length: int, found: Container) -> None:
 
 
 def _note_index(head: bytes, body: int, length: int, found: Container) -> None:
-    if length < _INDEX_HEAD.size or found.current is None:
+    if length < INDEX_HEAD.size or found.current is None:
         return
-    channel, size = _INDEX_HEAD.unpack_from(head)
-    if size != length - _INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
+    channel, size = INDEX_HEAD.unpack_from(head)
+    if size != length - INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
         # a broken index is worth nothing, but the chunk can be walked without it
         found.current.index.clear()
         found.current.counts.clear()
         found.current = None
         return
-    found.current.index[channel] = (body + _INDEX_HEAD.size, size // 16)
+    found.current.index[channel] = (body + INDEX_HEAD.size, size // 16)
     found.current.counts[channel] = size // 16
 
 
