@@ -155,6 +155,8 @@ class Container:
     def note_damage(self, offset: int, text: str) -> None:
         """Note a part that is skipped; a file that is all damage does not fill the memory with sentences."""
         self.first_damage = offset if self.first_damage is None else min(offset, self.first_damage)
+        if text in self.damage:
+            return
         if len(self.damage) < MOST_DAMAGE:
             self.damage.append(text)
         elif len(self.damage) == MOST_DAMAGE:

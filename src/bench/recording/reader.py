@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -153,7 +153,31 @@ class Run:
     def totals(self) -> dict[str, RecorderStats]:
         """What became of the records by topic: as written at the end, or in an unfinished run as last known."""
         end = self.metadata.get("bench.end", {})
-        return _read_totals(end) if end else _last_stats(self[STATS])
+        return _read_totals(end) if end else _last_stats(self.read_edge(STATS, last=True))
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last arrival in the chunks that can be read, Unix ns; (0, 0) where there is none."""
+        chunks = [chunk for chunk in self._container.chunks if chunk.counts]
+        times = [(chunk.start_ns, chunk.end_ns) for chunk in chunks] or [(0, 0)]
+        return min(start for start, _ in times), max(end for _, end in times)
+
+    def read_edge(self, topic: str, *, last: bool) -> Columns:
+        """Return a topic's columns from the last, or first, chunk that holds it: a glance that costs one chunk.
+
+        Raises
+        ------
+        RecordingError
+            As `load`.
+        """
+        ids = {key for key, channel in self._container.channels.items() if channel.topic == topic}
+        chunks = [chunk for chunk in self._container.chunks if not ids.isdisjoint(chunk.counts)]
+        for chunk in reversed(chunks) if last else chunks:
+            edge = replace(self._container, chunks=[chunk])
+            columns = read_topics(self.path, edge, [topic])[topic]
+            if edge.chunks:
+                return columns
+        return read_topics(self.path, replace(self._container, chunks=[]), [topic])[topic]
 
     def __getitem__(self, topic: str) -> Columns:
         """Return a topic's columns; a topic without messages has columns of length 0."""
