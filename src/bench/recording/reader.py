@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -153,7 +153,7 @@ class Run:
     def totals(self) -> dict[str, RecorderStats]:
         """What became of the records by topic: as written at the end, or in an unfinished run as last known."""
         end = self.metadata.get("bench.end", {})
-        return _read_totals(end) if end else _last_stats(self.read_edge(STATS, last=True))
+        return _read_totals(end) if end else _last_stats(self._read_by_chunk(STATS, backwards=True))
 
     @property
     def span_ns(self) -> tuple[int, int]:
@@ -170,14 +170,18 @@ class Run:
         RecordingError
             As `load`.
         """
+        empty = replace(self._container, chunks=[])
+        edge = next(self._read_by_chunk(topic, backwards=last), None)
+        return edge if edge is not None else read_topics(self.path, empty, [topic])[topic]
+
+    def _read_by_chunk(self, topic: str, *, backwards: bool) -> Iterator[Columns]:
         ids = {key for key, channel in self._container.channels.items() if channel.topic == topic}
         chunks = [chunk for chunk in self._container.chunks if not ids.isdisjoint(chunk.counts)]
-        for chunk in reversed(chunks) if last else chunks:
-            edge = replace(self._container, chunks=[chunk])
-            columns = read_topics(self.path, edge, [topic])[topic]
-            if edge.chunks:
-                return columns
-        return read_topics(self.path, replace(self._container, chunks=[]), [topic])[topic]
+        for chunk in reversed(chunks) if backwards else chunks:
+            part = replace(self._container, chunks=[chunk])
+            columns = read_topics(self.path, part, [topic])[topic]
+            if part.chunks:  # undamaged
+                yield columns
 
     def __getitem__(self, topic: str) -> Columns:
         """Return a topic's columns; a topic without messages has columns of length 0."""
@@ -252,12 +256,19 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
     }
 
 
-def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
+def _last_stats(parts: Iterable[Columns]) -> dict[str, RecorderStats]:
+    """Return the last statistics of each topic: `parts` come backwards, and the totals of one moment may be in two."""
     names = ("host_ns", "topic", "received", "written", "dropped", "missed", "queue_high_water", "sync_ms")
-    if any(name not in columns for name in names):  # an older definition
-        return {}
-    rows = zip(*(columns[name].tolist() for name in names), strict=True)
-    return {row[1]: RecorderStats(*row) for row in rows}
+    found: dict[str, RecorderStats] = {}
+    for columns in parts:
+        if any(name not in columns for name in names):  # an older definition
+            return {}
+        for row in reversed(list(zip(*(columns[name].tolist() for name in names), strict=True))):
+            stats = RecorderStats(*row)
+            if any(stats.host_ns < one.host_ns for one in found.values()):
+                return found
+            found.setdefault(stats.topic, stats)
+    return found
 
 
 def _describe_status(container: Container, exit_status: str) -> RunStatus:
