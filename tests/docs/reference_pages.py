@@ -87,6 +87,7 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |
+| `bench.salvage` | `lost`: of a file made by `bench salvage`, what was lost |
 | `bench.end` | exit status, reason, and for each topic received, written, dropped and missed |
 
 ## Topics

@@ -13,8 +13,10 @@ from bench.cli.check import check
 from bench.cli.config import config_app
 from bench.cli.export import export
 from bench.cli.import_ import import_
+from bench.cli.info import info
 from bench.cli.report import report
 from bench.cli.run import run
+from bench.cli.salvage import salvage
 from bench.cli.simulate import simulate
 from bench.errors import BenchError
 
@@ -31,9 +33,11 @@ app = typer.Typer(
 app.command("run")(run)
 app.command("check")(check)
 app.command("report")(report)
+app.command("info")(info)
 app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
+app.command("salvage")(salvage)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
 

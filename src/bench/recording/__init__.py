@@ -3,6 +3,7 @@
 from bench.recording.columns import Columns
 from bench.recording.output import rename_new
 from bench.recording.reader import Run, RunStatus, open_run
+from bench.recording.salvage import Salvaged, salvage_copy, salvage_in_place
 from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS
 from bench.recording.writer import RunWriter
 
@@ -20,6 +21,9 @@ __all__ = [
     "Run",
     "RunStatus",
     "RunWriter",
+    "Salvaged",
     "open_run",
     "rename_new",
+    "salvage_copy",
+    "salvage_in_place",
 ]

@@ -1,4 +1,4 @@
-"""What stands where in an MCAP file: one pass over the record headers, for finished and unfinished files alike.
+"""What stands where in an MCAP file, finished or not, and how a chunk of it is read.
 
 The file's own summary is not needed for that, so a file that lost its end is read in the same way as one that has
 it. Nothing is believed unseen: every length is checked against the file, every chunk against its checksum, and what
@@ -14,33 +14,55 @@ from __future__ import annotations
 import os
 import struct
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from io import BytesIO
+from datetime import UTC, datetime
 
 import lz4.frame
 import numpy as np
 import numpy.typing as npt
 import zstandard
 from mcap import records
-from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
 
-__all__ = ["MAGIC", "Channel", "Chunk", "Container", "DamagedError", "read_chunk", "read_offsets", "scan_container"]
+__all__ = [
+    "ATTACHMENT",
+    "CHANNEL",
+    "HEAD",
+    "INDEX_HEAD",
+    "LARGEST_CHUNK",
+    "LARGEST_NOTE",
+    "MAGIC",
+    "MESSAGE",
+    "MESSAGE_INDEX",
+    "METADATA",
+    "SCHEMA",
+    "Channel",
+    "Chunk",
+    "Container",
+    "DamagedError",
+    "Note",
+    "count_messages",
+    "describe_chunk",
+    "has_sound_index",
+    "index_messages",
+    "read_chunk",
+    "read_offsets",
+    "walk_records",
+]
 
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_CHUNK = 256 << 20
 """Bytes a chunk may unpack to. Ours hold about 1 MiB; one giant frame could make one larger."""
 LARGEST_NOTE = 64 << 20
 """Bytes of a schema, channel or metadata record."""
-_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK, _MESSAGE_INDEX = 3, 4, 5, 6, 7
-_METADATA, _FOOTER = 12, 2
-_KNOWN = frozenset(range(1, 16))
-_PRIVATE = 0x80
+MOST_DAMAGE = 1000
+"""Damaged parts that are named one by one."""
+SCHEMA, CHANNEL, MESSAGE, MESSAGE_INDEX, ATTACHMENT, METADATA = 3, 4, 5, 7, 9, 12
+HEAD = struct.Struct("<BQ")
+"""Of every record: opcode and length of what follows."""
+INDEX_HEAD = struct.Struct("<HI")
+"""Of a message index: channel and bytes of entries."""
 _MESSAGE_HEAD = 22  # channel, sequence, two times
-_HEAD = struct.Struct("<BQ")
-_CHUNK_HEAD = struct.Struct("<QQQII")
-_INDEX_HEAD = struct.Struct("<HI")
 
 Offsets = npt.NDArray[np.int64]
 
@@ -62,6 +84,15 @@ class Channel:
     schema_text: str
 
 
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A definition, metadata or an attachment outside of chunks: where its record begins and ends."""
+
+    opcode: int
+    start: int
+    end: int
+
+
 @dataclass(slots=True)
 class Chunk:
     """One chunk, not yet read."""
@@ -80,6 +111,16 @@ class Chunk:
     counts: dict[int, int] = field(default_factory=dict)
     """Messages by channel."""
 
+    @property
+    def start(self) -> int:
+        """Where its record begins."""
+        return self.offset - HEAD.size
+
+    @property
+    def end(self) -> int:
+        """Where its record ends."""
+        return self.data_offset + self.data_size
+
 
 @dataclass(slots=True)
 class Container:
@@ -97,39 +138,29 @@ class Container:
     metadata: dict[str, dict[str, str]] = field(default_factory=dict)
     damage: list[str] = field(default_factory=list)
     """One sentence for each part that was skipped."""
+    first_damage: int | None = None
+    """Where the first part begins that was skipped."""
     schemas: dict[int, records.Schema] = field(default_factory=dict)
+    registered: dict[int, records.Channel] = field(default_factory=dict)
+    """The channels as the file defines them."""
+    notes: list[Note] = field(default_factory=list)
+    """What stands outside of chunks, in the order of the file."""
+    data_ended: bool = False
+    """What follows is the summary."""
+    repeated: list[tuple[Note, bytes]] = field(default_factory=list)
+    """Definitions in the summary, which count when its checksum is right."""
     current: Chunk | None = None
     """The chunk that the next index records belong to."""
 
-
-def scan_container(descriptor: int) -> Container:
-    """Pass over an open file.
-
-    Raises
-    ------
-    DamagedError
-        The file does not begin as an MCAP file does.
-    """
-    if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
-        raise DamagedError("is not an MCAP file")
-    found = Container(size=os.fstat(descriptor).st_size)
-    offset = len(MAGIC)
-    while not found.finished:
-        try:
-            length = _scan_record(descriptor, offset, found)
-        except DamagedError as error:
-            found.problem = str(error)
-            break
-        offset += _HEAD.size + length
-    if found.finished and os.pread(descriptor, len(MAGIC), offset) != MAGIC:
-        found.finished, found.problem = False, f"the closing bytes are missing at byte {offset}"
-    found.end = offset + (len(MAGIC) if found.finished else 0)
-    if not found.finished and found.chunks:
-        # the cut may have taken a part of the last chunk's index
-        found.chunks[-1].index.clear()
-        found.chunks[-1].counts.clear()
-    found.chunks = [chunk for chunk in found.chunks if _is_understood(descriptor, chunk, found)]
-    return found
+    def note_damage(self, offset: int, text: str) -> None:
+        """Note a part that is skipped; a file that is all damage does not fill the memory with sentences."""
+        self.first_damage = offset if self.first_damage is None else min(offset, self.first_damage)
+        if text in self.damage:
+            return
+        if len(self.damage) < MOST_DAMAGE:
+            self.damage.append(text)
+        elif len(self.damage) == MOST_DAMAGE:
+            self.damage.append("and more")
 
 
 def read_chunk(descriptor: int, chunk: Chunk) -> bytes:
@@ -154,6 +185,40 @@ def read_chunk(descriptor: int, chunk: Chunk) -> bytes:
     return data
 
 
+def describe_chunk(chunk: Chunk, channels: Mapping[int, Channel]) -> str:
+    """Return where a chunk is, from when, and how many messages of which topics its index promises."""
+    counts = [f"{n} of {channels[key].topic}" for key, n in sorted(chunk.counts.items()) if key in channels]
+    try:
+        begin, end = (datetime.fromtimestamp(ns * 1e-9, tz=UTC) for ns in (chunk.start_ns, chunk.end_ns))
+        times = f"{begin:%Y-%m-%d %H:%M:%S.%f} to {end:%H:%M:%S.%f} UTC"
+    except (ValueError, OverflowError, OSError):
+        times = "of unknown time"
+    promised = f"; {', '.join(counts)}" if counts else ""
+    return f"the chunk at byte {chunk.offset} ({chunk.data_size} bytes, {times}{promised})"
+
+
+def has_sound_index(descriptor: int, chunk: Chunk, data: bytes) -> bool:
+    """Tell whether the message index behind a chunk names all of its messages, and their places and times."""
+    n_bytes, expected = 0, chunk.end
+    for channel, (position, n) in chunk.index.items():
+        expected += HEAD.size + INDEX_HEAD.size
+        entries = np.frombuffer(os.pread(descriptor, 16 * n, position), "<u8")
+        times, offsets = entries[0::2], entries[1::2]
+        if position != expected or len(entries) != 2 * n or not _are_messages(data, offsets, channel):
+            return False
+        expected += 16 * n
+        if (_read_u64(data, offsets + np.uint64(HEAD.size + 6)) != times).any():
+            return False
+        n_bytes += HEAD.size * n + int(_read_u64(data, offsets + np.uint64(1)).sum())
+    # what is left over are definitions, or messages that the index does not name
+    return n_bytes == len(data) or count_messages(data) == chunk.counts
+
+
+def _read_u64(data: bytes, offsets: npt.NDArray[np.uint64]) -> npt.NDArray[np.uint64]:
+    places: npt.NDArray[np.uint64] = np.ndarray((max(len(data) - 7, 0),), "<u8", data, strides=(1,))
+    return places[offsets]
+
+
 def read_offsets(descriptor: int, chunk: Chunk, data: bytes) -> dict[int, Offsets]:
     """Return where each channel's messages begin in the unpacked `data`, in the order of the file."""
     if not chunk.index:
@@ -171,15 +236,19 @@ def _are_messages(data: bytes, entries: npt.NDArray[np.uint64], channel: int) ->
     """Check that the index, which has no checksum of its own, points at messages of its channel."""
     if len(entries) == 0:
         return True
-    if int(entries.max()) + _HEAD.size + _MESSAGE_HEAD > len(data):
+    if int(entries.max()) + HEAD.size + _MESSAGE_HEAD > len(data):
         return False
     raw = np.frombuffer(data, np.uint8)
     low, high = raw[entries + np.uint64(9)], raw[entries + np.uint64(10)]
-    return bool(((raw[entries] == _MESSAGE) & (low == channel & 0xFF) & (high == channel >> 8)).all())
+    return bool(((raw[entries] == MESSAGE) & (low == channel & 0xFF) & (high == channel >> 8)).all())
 
 
 def _unpack_lz4(packed: bytes, size: int) -> bytes:
-    return bytes(lz4.frame.LZ4FrameDecompressor().decompress(packed, max_length=size + 1))
+    decompressor = lz4.frame.LZ4FrameDecompressor()
+    data = bytes(decompressor.decompress(packed, max_length=size + 1))
+    if len(data) == size and not decompressor.eof:
+        raise ValueError("its end mark is missing")  # without which other readers refuse it
+    return data
 
 
 def _unpack_zstd(packed: bytes, size: int) -> bytes:
@@ -194,136 +263,41 @@ def _unpack_nothing(packed: bytes, _size: int) -> bytes:
 _UNPACK: dict[str, Callable[[bytes, int], bytes]] = {"lz4": _unpack_lz4, "zstd": _unpack_zstd, "": _unpack_nothing}
 
 
-def _scan_record(descriptor: int, offset: int, found: Container) -> int:
-    """Note one record and return its length."""
-    head = os.pread(descriptor, 96, offset)
-    if len(head) < _HEAD.size:
-        raise DamagedError(f"the file ends at byte {found.size}, before its footer")
-    opcode, length = _HEAD.unpack_from(head)
-    if opcode not in _KNOWN and opcode < _PRIVATE:
-        raise DamagedError(f"no record begins at byte {offset}")
-    if offset + _HEAD.size + length > found.size:
-        raise DamagedError(f"the record at byte {offset} is cut off by the end of the file, or its length is wrong")
-    body = offset + _HEAD.size
-    if opcode == _CHUNK:
-        _note_chunk(head[_HEAD.size :], body, length, found)
-    elif opcode == _MESSAGE_INDEX:
-        _note_index(head[_HEAD.size :], body, length, found)
-    elif opcode == _MESSAGE:
-        raise DamagedError(f"a message stands outside a chunk at byte {offset}")
-    elif opcode in {_SCHEMA, _CHANNEL, _METADATA}:
-        _note_definition(opcode, _read_note(descriptor, body, length), found)
-    elif opcode == _FOOTER:
-        found.finished = True
-    return int(length)
-
-
-def _note_chunk(head: bytes, body: int, length: int, found: Container) -> None:
-    try:
-        start, end, unpacked, checksum, name_size = _CHUNK_HEAD.unpack_from(head)
-        name = head[_CHUNK_HEAD.size : _CHUNK_HEAD.size + name_size].decode()
-        (data_size,) = struct.unpack_from("<Q", head, _CHUNK_HEAD.size + name_size)
-    except (struct.error, UnicodeDecodeError):
-        found.damage.append(f"the chunk at byte {body} has an unreadable head")
-        found.current = None
-        return
-    head_size = _CHUNK_HEAD.size + name_size + 8
-    if head_size + data_size != length or max(unpacked, data_size) > LARGEST_CHUNK:
-        found.damage.append(f"the chunk at byte {body} has impossible lengths")
-        found.current = None
-        return
-    found.current = Chunk(body, body + head_size, data_size, unpacked, checksum, name, start, end)
-    found.chunks.append(found.current)
-
-
-def _note_index(head: bytes, body: int, length: int, found: Container) -> None:
-    if length < _INDEX_HEAD.size or found.current is None:
-        return
-    channel, size = _INDEX_HEAD.unpack_from(head)
-    if size != length - _INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
-        # a broken index is worth nothing, but the chunk can be walked without it
-        found.current.index.clear()
-        found.current.counts.clear()
-        found.current = None
-        return
-    found.current.index[channel] = (body + _INDEX_HEAD.size, size // 16)
-    found.current.counts[channel] = size // 16
-
-
-def _read_note(descriptor: int, body: int, length: int) -> bytes:
-    if length > LARGEST_NOTE:
-        raise DamagedError(f"the record at byte {body} has an impossible length of {length}")
-    return os.pread(descriptor, length, body)
-
-
-def _note_definition(opcode: int, body: bytes, found: Container) -> None:
-    stream = ReadDataStream(BytesIO(body))
-    try:
-        if opcode == _SCHEMA:
-            schema = records.Schema.read(stream)
-            found.schemas[schema.id] = schema
-        elif opcode == _CHANNEL:
-            _note_channel(records.Channel.read(stream), found)
-        else:
-            note = records.Metadata.read(stream)
-            found.metadata.setdefault(note.name, {}).update(note.metadata)
-    except (struct.error, ValueError, McapError) as error:
-        found.damage.append(f"a record of kind {opcode} cannot be read: {error}")
-
-
-def _note_channel(channel: records.Channel, found: Container) -> None:
-    schema = found.schemas.get(channel.schema_id)
-    name, encoding, text = (schema.name, schema.encoding, schema.data) if schema else ("", "", b"")
-    found.channels[channel.id] = Channel(
-        channel.id, channel.topic, channel.message_encoding, name, encoding, text.decode("utf-8", "replace")
-    )
-
-
-def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
-    """Look into a chunk only where its index does not already say what is in it."""
-    if chunk.index and all(channel in found.channels for channel in chunk.index):
-        return True
-    try:
-        data = read_chunk(descriptor, chunk)
-        for opcode, start, end in _walk(data):
-            if opcode in {_SCHEMA, _CHANNEL}:
-                _note_definition(opcode, data[start:end], found)
-        _adopt_promised_channels(found)
-        if not chunk.index:
-            chunk.counts = {channel: len(offsets) for channel, offsets in _walk_messages(data).items()}
-    except DamagedError as error:
-        found.damage.append(f"the chunk at byte {chunk.offset} is damaged: {error}")
-        return False
-    return True
-
-
-def _adopt_promised_channels(found: Container) -> None:
-    """Take from the metadata which topic a channel is, where the chunk that says so with its definition is lost."""
-    for key, topic in found.metadata.get("bench.channels", {}).items():
-        if key.isascii() and key.isdigit():
-            found.channels.setdefault(int(key), Channel(int(key), topic, "cdr", "", "", ""))
-
-
-def _walk(data: bytes) -> Iterator[tuple[int, int, int]]:
+def walk_records(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of each record's body in an unpacked chunk."""
     offset = 0
     while offset < len(data):
-        if offset + _HEAD.size > len(data):
+        if offset + HEAD.size > len(data):
             raise DamagedError("its last record has no head")
-        opcode, length = _HEAD.unpack_from(data, offset)
-        start = offset + _HEAD.size
+        opcode, length = HEAD.unpack_from(data, offset)
+        start = offset + HEAD.size
         offset = start + length
         if offset > len(data):
             raise DamagedError("a record is longer than what is left of it")
         yield opcode, start, offset
 
 
+def count_messages(data: bytes) -> dict[int, int]:
+    """Return how many messages of each channel are in an unpacked chunk, by reading all of it."""
+    return {channel: len(offsets) for channel, offsets in _walk_messages(data).items()}
+
+
+def index_messages(data: bytes) -> dict[int, bytes]:
+    """Return a message index record for each channel in an unpacked chunk, made by reading all of it."""
+    made = {}
+    for channel, offsets in _walk_messages(data).items():
+        entries = np.stack([_read_u64(data, (offsets + HEAD.size + 6).astype("<u8")), offsets.astype("<u8")], axis=1)
+        body = INDEX_HEAD.pack(channel, entries.nbytes) + entries.tobytes()
+        made[channel] = HEAD.pack(MESSAGE_INDEX, len(body)) + body
+    return made
+
+
 def _walk_messages(data: bytes) -> dict[int, Offsets]:
     found: dict[int, list[int]] = {}
-    for opcode, start, end in _walk(data):
-        if opcode == _MESSAGE:
+    for opcode, start, end in walk_records(data):
+        if opcode == MESSAGE:
             if end - start < _MESSAGE_HEAD:
                 raise DamagedError("a message is shorter than its own head")
             (channel,) = struct.unpack_from("<H", data, start)
-            found.setdefault(channel, []).append(start - _HEAD.size)
+            found.setdefault(channel, []).append(start - HEAD.size)
     return {channel: np.array(offsets, np.int64) for channel, offsets in found.items()}

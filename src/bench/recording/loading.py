@@ -13,7 +13,7 @@ import numpy as np
 from bench.errors import RecordingError
 from bench.recording.cdr import CdrError
 from bench.recording.columns import Array, Collector, Columns, make_collector
-from bench.recording.container import Channel, Chunk, Container, DamagedError, read_chunk, read_offsets
+from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk, read_chunk, read_offsets
 from bench.recording.output import active_path
 from bench.recording.schemas import Schema, load_schema, parse_schema
 from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS
@@ -95,9 +95,9 @@ def _collect(descriptor: int, container: Container, collectors: Mapping[str, Col
             _collect_chunk(descriptor, chunk, wanted)
         except DamagedError as error:
             container.chunks.remove(chunk)
-            n_messages = sum(chunk.counts.values())
-            container.damage.append(f"{n_messages} messages in the chunk at byte {chunk.offset}: {error}")
-            _log.warning("damaged chunk at byte %d, %d messages: %s", chunk.offset, n_messages, error)
+            damage = f"{describe_chunk(chunk, container.channels)}: {error}"
+            container.note_damage(chunk.offset, damage)
+            _log.warning("damaged: %s", damage)
 
 
 def _collect_chunk(descriptor: int, chunk: Chunk, wanted: Mapping[int, Collector]) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -18,12 +18,16 @@ from bench.config import Config, parse_config
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
-from bench.recording.container import Container, DamagedError, scan_container
+from bench.recording.container import Container, DamagedError
 from bench.recording.loading import opened, read_topics
+from bench.recording.scanning import scan_container
 from bench.recording.topics import BODIES, FRAME, POINTS, STATS
 
 __all__ = ["Run", "RunStatus", "open_run"]
 
+SALVAGE = "bench.salvage"
+"""Metadata of a file that was salvaged: what was lost."""
+LAST_SECOND = "what was received in about the last second before the recording broke off"
 _DEVICE = "bench.device."
 
 
@@ -149,7 +153,35 @@ class Run:
     def totals(self) -> dict[str, RecorderStats]:
         """What became of the records by topic: as written at the end, or in an unfinished run as last known."""
         end = self.metadata.get("bench.end", {})
-        return _read_totals(end) if end else _last_stats(self[STATS])
+        return _read_totals(end) if end else _last_stats(self._read_by_chunk(STATS, backwards=True))
+
+    @property
+    def span_ns(self) -> tuple[int, int]:
+        """First and last arrival in the chunks that can be read, Unix ns; (0, 0) where there is none."""
+        chunks = [chunk for chunk in self._container.chunks if chunk.counts]
+        times = [(chunk.start_ns, chunk.end_ns) for chunk in chunks] or [(0, 0)]
+        return min(start for start, _ in times), max(end for _, end in times)
+
+    def read_edge(self, topic: str, *, last: bool) -> Columns:
+        """Return a topic's columns from the last, or first, chunk that holds it: a glance that costs one chunk.
+
+        Raises
+        ------
+        RecordingError
+            As `load`.
+        """
+        empty = replace(self._container, chunks=[])
+        edge = next(self._read_by_chunk(topic, backwards=last), None)
+        return edge if edge is not None else read_topics(self.path, empty, [topic])[topic]
+
+    def _read_by_chunk(self, topic: str, *, backwards: bool) -> Iterator[Columns]:
+        ids = {key for key, channel in self._container.channels.items() if channel.topic == topic}
+        chunks = [chunk for chunk in self._container.chunks if not ids.isdisjoint(chunk.counts)]
+        for chunk in reversed(chunks) if backwards else chunks:
+            part = replace(self._container, chunks=[chunk])
+            columns = read_topics(self.path, part, [topic])[topic]
+            if part.chunks:  # undamaged
+                yield columns
 
     def __getitem__(self, topic: str) -> Columns:
         """Return a topic's columns; a topic without messages has columns of length 0."""
@@ -224,20 +256,30 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
     }
 
 
-def _last_stats(columns: Columns) -> dict[str, RecorderStats]:
+def _last_stats(parts: Iterable[Columns]) -> dict[str, RecorderStats]:
+    """Return the last statistics of each topic: `parts` come backwards, and the totals of one moment may be in two."""
     names = ("host_ns", "topic", "received", "written", "dropped", "missed", "queue_high_water", "sync_ms")
-    if any(name not in columns for name in names):  # an older definition
-        return {}
-    rows = zip(*(columns[name].tolist() for name in names), strict=True)
-    return {row[1]: RecorderStats(*row) for row in rows}
+    found: dict[str, RecorderStats] = {}
+    for columns in parts:
+        if any(name not in columns for name in names):  # an older definition
+            return {}
+        for row in reversed(list(zip(*(columns[name].tolist() for name in names), strict=True))):
+            stats = RecorderStats(*row)
+            if any(stats.host_ns < one.host_ns for one in found.values()):
+                return found
+            found.setdefault(stats.topic, stats)
+    return found
 
 
 def _describe_status(container: Container, exit_status: str) -> RunStatus:
-    lost = [*container.damage, *_describe_missing_end(container)]
+    salvaged = container.metadata.get(SALVAGE, {}).get("lost", "")
+    lost = [*filter(None, [salvaged]), *container.damage, *_describe_missing_end(container)]
     n_messages = sum(_count_by_topic(container).values())
     read = f"{n_messages} messages{_describe_end(container)}"
-    if container.finished:
-        text = f"complete: {read}, exit status {exit_status}" if not lost else f"damaged: {read} could be read"
+    if container.finished and container.damage:
+        text = f"damaged: {read} could be read"
+    elif container.finished:
+        text = f"{'salvaged' if salvaged else 'complete'}: {read}, exit status {exit_status}"
     else:
         text = f"unfinished: {read} were read, then {container.problem}"
     return RunStatus(not lost, text, "; ".join(lost), container.end, container.size)
@@ -250,7 +292,7 @@ def _describe_missing_end(container: Container) -> list[str]:
         return ["only the file's summary, every record is there"]
     unread = container.size - container.end
     rest = f"{unread} bytes from byte {container.end} on and " if unread else ""
-    return [f"{rest}what was received in about the last second before the recording broke off"]
+    return [rest + LAST_SECOND]
 
 
 def _describe_end(container: Container) -> str:
