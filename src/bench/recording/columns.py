@@ -103,29 +103,32 @@ class _FixedCollector:
         layout = Layout.of(schema)
         if layout.size > LARGEST_LAYOUT:
             raise CdrError(f"{schema.name} has {layout.size} bytes; {LARGEST_LAYOUT} is the limit")
-        self._dtype = layout.dtype
+        self._size = layout.size
+        self._record = _join_head(_without_vectors(layout.dtype))
         # a field called as one of the head's, the robot's own sequence, takes its place: it has more bits
         self._arrays: dict[str, Array] = {name: np.empty(capacity, kind) for name, kind in _HEAD_COLUMNS.items()}
         for leaf in layout.leaves:
-            kind = self._dtype[leaf.path]
+            kind = layout.dtype[leaf.path]
             dtype = np.dtype(bool) if leaf.code == "?" else kind.base
             self._arrays[leaf.path] = np.empty((capacity, *kind.shape), dtype)
-        self._names = frozenset(self._dtype.names or ())
+        self._targets = {name: _by_row(array) for name, array in self._arrays.items()}
+        self._names = frozenset(layout.dtype.names or ())
         self._filled = 0
 
     def take(self, data: bytes, offsets: Offsets) -> None:
-        heads = _gather_heads(data, offsets)
-        if (heads["length"] != _OWN_HEAD + self._dtype.itemsize).any():
+        records = _gather(data, offsets, self._record)
+        heads, rows = records["head"], records["payload"]
+        if (heads["opcode"] != _MESSAGE).any():
+            raise DamagedError("its index does not point at messages")
+        if (heads["length"] != _OWN_HEAD + self._size).any():
             raise DamagedError("a message is not as long as its definition says")
-        payloads = offsets + MESSAGE_HEAD.itemsize
-        if (_gather(data, payloads, _CDR_HEADER.dtype) != _CDR_HEADER).any():
+        if (records["encoding"] != _CDR_HEADER).any():
             raise DamagedError("a message is not little-endian CDR")
-        rows = _gather(data, payloads, self._dtype)
         end = self._filled + len(rows)
         if end > len(self._arrays["log_time_ns"]):
             raise DamagedError("it holds more messages than its index says")
-        for name, array in self._arrays.items():
-            array[self._filled : end] = rows[name] if name in self._names else heads[name]
+        for name, target in self._targets.items():
+            target[self._filled : end] = rows[name] if name in self._names else heads[name]
         self._filled = end
 
     def columns(self) -> dict[str, Array]:
@@ -181,12 +184,10 @@ class _Prefix:
         self.size = len(example)
         self._width_at = layout.offset_of("width")
         self._length_at = layout.offset_of("data.length")
-        constant = np.ones(self.size, bool)
+        self._constant = np.full(self.size // 4, 0xFFFFFFFF, np.uint32)
         for path in ("header.stamp.sec", "header.stamp.nanosec", "width", "row_step", "data.length"):
-            start = layout.offset_of(path)
-            constant[start : start + 4] = False
-        self._constant = np.flatnonzero(constant)
-        self._expected = example[self._constant]
+            self._constant[layout.offset_of(path) // 4] = 0
+        self._expected = example.view(np.uint32)
 
     @classmethod
     def of(cls, schema: Schema, example: bytes) -> _Prefix:
@@ -196,7 +197,8 @@ class _Prefix:
 
     def read_widths(self, prefixes: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
         """Return the number of points of each message."""
-        if (prefixes[:, self._constant] != self._expected).any():
+        # all that stands before the points is words of 4 bytes, for the last of it is the points' number of bytes
+        if ((prefixes.view(np.uint32) ^ self._expected) & self._constant).any():
             raise DamagedError("the point clouds are not all laid out alike")
         widths = _read_u32(prefixes, self._width_at)
         if (_read_u32(prefixes, self._length_at) != widths * POINT.itemsize).any():
@@ -235,6 +237,43 @@ class _TextCollector:
         return columns
 
 
+def _without_vectors(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a record whose vectors are bytes: numpy then moves each at once, and not number by number."""
+    places: Any = dtype.fields
+    kinds = {name: kind for name, (kind, _) in places.items()}
+    layout: Any = {
+        "names": list(kinds),
+        "formats": [f"V{kind.itemsize}" if _is_moved_whole(kind) else kind for kind in kinds.values()],
+        "offsets": [place[1] for place in places.values()],
+        "itemsize": dtype.itemsize,
+    }
+    moved: np.dtype[Any] = np.dtype(layout)
+    return moved
+
+
+def _is_moved_whole(kind: np.dtype[Any]) -> bool:
+    return bool(kind.shape) and kind.base.kind in "if"  # a byte may stand for a truth value: any but zero is true
+
+
+def _by_row(array: Array) -> Array:
+    """Return a view of an array of vectors with each as so many bytes, where `_without_vectors` does the same."""
+    kind = np.dtype((array.dtype, array.shape[1:]))
+    return array.view(f"V{kind.itemsize}").reshape(len(array)) if _is_moved_whole(kind) else array
+
+
+def _join_head(payload: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a whole message record as numpy has it, so that one copy brings all of it."""
+    at = MESSAGE_HEAD.itemsize
+    return np.dtype(
+        {
+            "names": ["head", "encoding", "payload"],
+            "formats": [MESSAGE_HEAD, _CDR_HEADER.dtype, payload],
+            "offsets": [0, at, at],
+            "itemsize": at + payload.itemsize,
+        }
+    )
+
+
 def _payload(data: bytes, offset: int, length: int) -> bytes:
     return data[offset + MESSAGE_HEAD.itemsize : offset + MESSAGE_HEAD.itemsize + length - _OWN_HEAD]
 
@@ -254,8 +293,9 @@ def _gather(data: bytes, offsets: Offsets, dtype: np.dtype[Any]) -> Array:
         return np.empty(0, dtype)
     if n_places <= int(offsets.max()) or int(offsets.min()) < 0:
         raise DamagedError("a message goes beyond it")
-    places: Array = np.ndarray((n_places,), dtype, buffer=data, strides=(1,))
-    return places[offsets]
+    # copied as bytes without fields: numpy copies a record with fields one field after the other
+    places: Array = np.ndarray((n_places,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
+    return places[offsets].view(dtype)
 
 
 def _gather_bytes(data: bytes, offsets: Offsets, size: int) -> npt.NDArray[np.uint8]:
