@@ -17,7 +17,7 @@ from bench.recording.container import DamagedError, Offsets
 from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, verify_cloud
 from bench.recording.schemas import PRIMITIVES, Schema
 
-__all__ = ["Collector", "Columns", "make_collector"]
+__all__ = ["HEAD_COLUMNS", "Collector", "Columns", "make_collector"]
 
 Array = npt.NDArray[Any]
 
@@ -32,7 +32,8 @@ MESSAGE_HEAD = np.dtype(
     ]
 )
 """An MCAP message record up to its payload; the times are unsigned there, and int64 here until the year 2262."""
-_HEAD_COLUMNS = {"log_time_ns": np.int64, "publish_time_ns": np.int64, "sequence": np.int64}
+HEAD_COLUMNS = {"log_time_ns": np.int64, "publish_time_ns": np.int64, "sequence": np.int64}
+"""What every topic has besides its fields."""
 _CDR_HEADER = np.frombuffer(HEADER, "<u4")[0]
 _MESSAGE = 5
 _OWN_HEAD = MESSAGE_HEAD.itemsize - 9  # counted in the record's length: all but opcode and length
@@ -106,7 +107,7 @@ class _FixedCollector:
         self._size = layout.size
         self._record = _join_head(_without_vectors(layout.dtype))
         # a field called as one of the head's, the robot's own sequence, takes its place: it has more bits
-        self._arrays: dict[str, Array] = {name: np.empty(capacity, kind) for name, kind in _HEAD_COLUMNS.items()}
+        self._arrays: dict[str, Array] = {name: np.empty(capacity, kind) for name, kind in HEAD_COLUMNS.items()}
         for leaf in layout.leaves:
             kind = layout.dtype[leaf.path]
             dtype = np.dtype(bool) if leaf.code == "?" else kind.base
@@ -283,7 +284,7 @@ def _read_u32(rows: npt.NDArray[np.uint8], start: int) -> npt.NDArray[np.int64]:
 
 
 def _head_columns(heads: Array) -> dict[str, Array]:
-    return {name: heads[name].astype(kind) for name, kind in _HEAD_COLUMNS.items()}
+    return {name: heads[name].astype(kind) for name, kind in HEAD_COLUMNS.items()}
 
 
 def _gather(data: bytes, offsets: Offsets, dtype: np.dtype[Any]) -> Array:
