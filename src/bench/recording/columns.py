@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from bench.recording.cdr import HEADER, CdrError, Layout, decode, encode
 from bench.recording.container import DamagedError, Offsets
-from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, verify_cloud
+from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, read_points, verify_cloud
 from bench.recording.schemas import PRIMITIVES, Schema
 
 __all__ = ["HEAD_COLUMNS", "Collector", "Columns", "make_collector"]
@@ -137,7 +137,7 @@ class _FixedCollector:
 
 
 class _CloudCollector:
-    """Point clouds whose messages differ in nothing but stamp and points."""
+    """Point clouds: all at once where they differ in nothing but stamp and points, as ours do, else one by one."""
 
     def __init__(self, schema: Schema) -> None:
         self._schema = schema
@@ -148,19 +148,36 @@ class _CloudCollector:
 
     def take(self, data: bytes, offsets: Offsets) -> None:
         heads = _gather_heads(data, offsets)
+        try:
+            widths, points = self._take_alike(data, offsets, heads)
+        except CdrError:
+            widths, points = self._take_each(data, offsets, heads)
+        self._heads.append(heads)
+        self._widths.append(widths)
+        self._points.append(points)
+
+    def _take_alike(self, data: bytes, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """Return numbers of points and points; `CdrError` if a message is not laid out as ours are."""
         if self._prefix is None:
             self._prefix = _Prefix.of(self._schema, _payload(data, int(offsets[0]), int(heads["length"][0])))
         size = self._prefix.size
         if (heads["length"] < _OWN_HEAD + size + CLOUD_TAIL_SIZE).any():
-            raise DamagedError("a point cloud is shorter than its own head")
+            raise CdrError("a point cloud is shorter than its own head")
         widths = self._prefix.read_widths(_gather_bytes(data, offsets + MESSAGE_HEAD.itemsize, size))
         if (heads["length"] != _OWN_HEAD + size + POINT.itemsize * widths + CLOUD_TAIL_SIZE).any():
-            raise DamagedError("a point cloud is not as long as its points")
+            raise CdrError("a point cloud is not as long as its points")
         ends = np.cumsum(widths)
         starts = np.repeat(offsets + MESSAGE_HEAD.itemsize + size - POINT.itemsize * (ends - widths), widths)
-        self._points.append(_gather(data, starts + POINT.itemsize * np.arange(len(starts)), POINT))
-        self._heads.append(heads)
-        self._widths.append(widths)
+        return widths, _gather(data, starts + POINT.itemsize * np.arange(len(starts)), POINT)
+
+    def _take_each(self, data: bytes, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """Decode one by one what another program, or another version, has laid out in its own way."""
+        places = zip(offsets.tolist(), heads["length"].tolist(), strict=True)
+        try:
+            clouds = [read_points(decode(self._schema, _payload(data, *place))) for place in places]
+        except CdrError as error:
+            raise DamagedError(str(error)) from error
+        return np.array([len(cloud) for cloud in clouds], np.int64), np.concatenate([np.empty(0, POINT), *clouds])
 
     def columns(self) -> dict[str, Array]:
         heads = np.concatenate([np.empty(0, MESSAGE_HEAD), *self._heads])
@@ -200,10 +217,10 @@ class _Prefix:
         """Return the number of points of each message."""
         # all that stands before the points is words of 4 bytes, for the last of it is the points' number of bytes
         if ((prefixes.view(np.uint32) ^ self._expected) & self._constant).any():
-            raise DamagedError("the point clouds are not all laid out alike")
+            raise CdrError("the point clouds are not all laid out alike")
         widths = _read_u32(prefixes, self._width_at)
         if (_read_u32(prefixes, self._length_at) != widths * POINT.itemsize).any():
-            raise DamagedError("a point cloud's size contradicts its number of points")
+            raise CdrError("a point cloud's size contradicts its number of points")
         return widths
 
 
