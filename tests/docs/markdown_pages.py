@@ -22,7 +22,7 @@ class Block:
     language: str
     text: str
     notes: dict[str, str] = field(default_factory=dict)
-    """From the HTML comments right above the block: ``file: NAME``, ``lab only``, ``exit code: N``."""
+    """From the HTML comments right above the block: ``file: NAME``, ``lab only``, ``needs: LIBRARY`` and so on."""
 
     @property
     def place(self) -> str:

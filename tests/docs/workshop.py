@@ -8,6 +8,7 @@ import shlex
 import subprocess
 import sys
 import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +44,9 @@ class Workshop:
         if block.language == "toml":
             self._take_toml(block)
         elif block.language == "python":
-            exec(compile(block.text, block.place, "exec"), self._names)
+            code = compile(block.text, block.place, "exec")
+            if all(find_spec(library) for library in block.notes.get("needs", "").split()):
+                exec(code, self._names)
         elif block.language == "console":
             for command in find_commands(block):
                 self._run(command, block)

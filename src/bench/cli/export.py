@@ -9,6 +9,7 @@ import typer
 
 from bench.cli.report import name_without_suffix, with_limits
 from bench.config import load_config
+from bench.errors import ConfigError
 from bench.report.export import ExportFormat
 
 __all__ = ["export"]
@@ -19,14 +20,35 @@ def export(
     format_: Annotated[ExportFormat, typer.Option("--format", help="What to write.")],
     output: Annotated[
         Path | None,
-        typer.Option("--output", metavar="FILE", help="File to write, never overwritten. Left out: RUN.FORMAT."),
+        typer.Option(
+            "--output",
+            metavar="FILE",
+            help="File to write, never overwritten. Left out: RUN.FORMAT. With --topic a folder; left out: RUN.topics.",
+        ),
     ] = None,
     config: Annotated[
         Path | None,
         typer.Option("--config", help="Take \\[analysis] and the cable's limits from here, not from the recording."),
     ] = None,
+    topics: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--topic",
+            metavar="TOPIC",
+            help="Write this topic as it was recorded, not the sorted markers; may be repeated; all: every topic that "
+            "has messages. With --format parquet.",
+        ),
+    ] = None,
 ) -> None:
-    """Write the sorted markers of a run file for other programs: M1, M2, … from the anchor along the cable."""
+    """Write the sorted markers of a run file for other programs: M1, M2, … from the anchor along the cable.
+
+    With --topic, what was recorded instead: a Parquet file for each topic.
+    """
+    if topics:
+        if format_ is not ExportFormat.PARQUET or config is not None:
+            raise ConfigError("--topic goes with --format parquet, and not with --config: nothing is analysed.")
+        _export_topics(run, topics, output or run.with_name(f"{name_without_suffix(run)}.topics"))
+        return
     target = output or run.with_name(f"{name_without_suffix(run)}.{format_}")
     settings = load_config(config) if config else None
     from bench.recording import open_run
@@ -40,3 +62,15 @@ def export(
     found = (results.frames.source >= 0).mean() if results.frames.source.size else 0.0
     n_frames, n_markers = results.frames.source.shape
     print(f"{target}: {n_markers} markers in {n_frames} frames, {found:.1%} of the positions found.")
+
+
+def _export_topics(path: Path, topics: list[str], folder: Path) -> None:
+    from bench.recording import open_run
+    from bench.report.export.topics import export_topics
+
+    run = open_run(path)
+    rows = export_topics(run, run.topics if "all" in topics else topics, folder)
+    for table, n_rows in rows.items():
+        print(f"{table}: {n_rows} rows.")
+    if not run.status.complete:
+        print(run.status)

@@ -14,10 +14,10 @@ import numpy.typing as npt
 
 from bench.recording.cdr import HEADER, CdrError, Layout, decode, encode
 from bench.recording.container import DamagedError, Offsets
-from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, verify_cloud
+from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, read_points, verify_cloud
 from bench.recording.schemas import PRIMITIVES, Schema
 
-__all__ = ["Collector", "Columns", "make_collector"]
+__all__ = ["HEAD_COLUMNS", "Collector", "Columns", "make_collector"]
 
 Array = npt.NDArray[Any]
 
@@ -32,7 +32,8 @@ MESSAGE_HEAD = np.dtype(
     ]
 )
 """An MCAP message record up to its payload; the times are unsigned there, and int64 here until the year 2262."""
-_HEAD_COLUMNS = {"log_time_ns": np.int64, "publish_time_ns": np.int64, "sequence": np.int64}
+HEAD_COLUMNS = {"log_time_ns": np.int64, "publish_time_ns": np.int64, "sequence": np.int64}
+"""What every topic has besides its fields."""
 _CDR_HEADER = np.frombuffer(HEADER, "<u4")[0]
 _MESSAGE = 5
 _OWN_HEAD = MESSAGE_HEAD.itemsize - 9  # counted in the record's length: all but opcode and length
@@ -103,29 +104,32 @@ class _FixedCollector:
         layout = Layout.of(schema)
         if layout.size > LARGEST_LAYOUT:
             raise CdrError(f"{schema.name} has {layout.size} bytes; {LARGEST_LAYOUT} is the limit")
-        self._dtype = layout.dtype
+        self._size = layout.size
+        self._record = _join_head(_without_vectors(layout.dtype))
         # a field called as one of the head's, the robot's own sequence, takes its place: it has more bits
-        self._arrays: dict[str, Array] = {name: np.empty(capacity, kind) for name, kind in _HEAD_COLUMNS.items()}
+        self._arrays: dict[str, Array] = {name: np.empty(capacity, kind) for name, kind in HEAD_COLUMNS.items()}
         for leaf in layout.leaves:
-            kind = self._dtype[leaf.path]
+            kind = layout.dtype[leaf.path]
             dtype = np.dtype(bool) if leaf.code == "?" else kind.base
             self._arrays[leaf.path] = np.empty((capacity, *kind.shape), dtype)
-        self._names = frozenset(self._dtype.names or ())
+        self._targets = {name: _by_row(array) for name, array in self._arrays.items()}
+        self._names = frozenset(layout.dtype.names or ())
         self._filled = 0
 
     def take(self, data: bytes, offsets: Offsets) -> None:
-        heads = _gather_heads(data, offsets)
-        if (heads["length"] != _OWN_HEAD + self._dtype.itemsize).any():
+        records = _gather(data, offsets, self._record)
+        heads, rows = records["head"], records["payload"]
+        if (heads["opcode"] != _MESSAGE).any():
+            raise DamagedError("its index does not point at messages")
+        if (heads["length"] != _OWN_HEAD + self._size).any():
             raise DamagedError("a message is not as long as its definition says")
-        payloads = offsets + MESSAGE_HEAD.itemsize
-        if (_gather(data, payloads, _CDR_HEADER.dtype) != _CDR_HEADER).any():
+        if (records["encoding"] != _CDR_HEADER).any():
             raise DamagedError("a message is not little-endian CDR")
-        rows = _gather(data, payloads, self._dtype)
         end = self._filled + len(rows)
         if end > len(self._arrays["log_time_ns"]):
             raise DamagedError("it holds more messages than its index says")
-        for name, array in self._arrays.items():
-            array[self._filled : end] = rows[name] if name in self._names else heads[name]
+        for name, target in self._targets.items():
+            target[self._filled : end] = rows[name] if name in self._names else heads[name]
         self._filled = end
 
     def columns(self) -> dict[str, Array]:
@@ -133,7 +137,7 @@ class _FixedCollector:
 
 
 class _CloudCollector:
-    """Point clouds whose messages differ in nothing but stamp and points."""
+    """Point clouds: all at once where they differ in nothing but stamp and points, as ours do, else one by one."""
 
     def __init__(self, schema: Schema) -> None:
         self._schema = schema
@@ -144,19 +148,36 @@ class _CloudCollector:
 
     def take(self, data: bytes, offsets: Offsets) -> None:
         heads = _gather_heads(data, offsets)
+        try:
+            widths, points = self._take_alike(data, offsets, heads)
+        except CdrError:
+            widths, points = self._take_each(data, offsets, heads)
+        self._heads.append(heads)
+        self._widths.append(widths)
+        self._points.append(points)
+
+    def _take_alike(self, data: bytes, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """Return numbers of points and points; `CdrError` if a message is not laid out as ours are."""
         if self._prefix is None:
             self._prefix = _Prefix.of(self._schema, _payload(data, int(offsets[0]), int(heads["length"][0])))
         size = self._prefix.size
         if (heads["length"] < _OWN_HEAD + size + CLOUD_TAIL_SIZE).any():
-            raise DamagedError("a point cloud is shorter than its own head")
+            raise CdrError("a point cloud is shorter than its own head")
         widths = self._prefix.read_widths(_gather_bytes(data, offsets + MESSAGE_HEAD.itemsize, size))
         if (heads["length"] != _OWN_HEAD + size + POINT.itemsize * widths + CLOUD_TAIL_SIZE).any():
-            raise DamagedError("a point cloud is not as long as its points")
+            raise CdrError("a point cloud is not as long as its points")
         ends = np.cumsum(widths)
         starts = np.repeat(offsets + MESSAGE_HEAD.itemsize + size - POINT.itemsize * (ends - widths), widths)
-        self._points.append(_gather(data, starts + POINT.itemsize * np.arange(len(starts)), POINT))
-        self._heads.append(heads)
-        self._widths.append(widths)
+        return widths, _gather(data, starts + POINT.itemsize * np.arange(len(starts)), POINT)
+
+    def _take_each(self, data: bytes, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
+        """Decode one by one what another program, or another version, has laid out in its own way."""
+        places = zip(offsets.tolist(), heads["length"].tolist(), strict=True)
+        try:
+            clouds = [read_points(decode(self._schema, _payload(data, *place))) for place in places]
+        except CdrError as error:
+            raise DamagedError(str(error)) from error
+        return np.array([len(cloud) for cloud in clouds], np.int64), np.concatenate([np.empty(0, POINT), *clouds])
 
     def columns(self) -> dict[str, Array]:
         heads = np.concatenate([np.empty(0, MESSAGE_HEAD), *self._heads])
@@ -181,12 +202,10 @@ class _Prefix:
         self.size = len(example)
         self._width_at = layout.offset_of("width")
         self._length_at = layout.offset_of("data.length")
-        constant = np.ones(self.size, bool)
+        self._constant = np.full(self.size // 4, 0xFFFFFFFF, np.uint32)
         for path in ("header.stamp.sec", "header.stamp.nanosec", "width", "row_step", "data.length"):
-            start = layout.offset_of(path)
-            constant[start : start + 4] = False
-        self._constant = np.flatnonzero(constant)
-        self._expected = example[self._constant]
+            self._constant[layout.offset_of(path) // 4] = 0
+        self._expected = example.view(np.uint32)
 
     @classmethod
     def of(cls, schema: Schema, example: bytes) -> _Prefix:
@@ -196,11 +215,12 @@ class _Prefix:
 
     def read_widths(self, prefixes: npt.NDArray[np.uint8]) -> npt.NDArray[np.int64]:
         """Return the number of points of each message."""
-        if (prefixes[:, self._constant] != self._expected).any():
-            raise DamagedError("the point clouds are not all laid out alike")
+        # all that stands before the points is words of 4 bytes, for the last of it is the points' number of bytes
+        if ((prefixes.view(np.uint32) ^ self._expected) & self._constant).any():
+            raise CdrError("the point clouds are not all laid out alike")
         widths = _read_u32(prefixes, self._width_at)
         if (_read_u32(prefixes, self._length_at) != widths * POINT.itemsize).any():
-            raise DamagedError("a point cloud's size contradicts its number of points")
+            raise CdrError("a point cloud's size contradicts its number of points")
         return widths
 
 
@@ -235,6 +255,43 @@ class _TextCollector:
         return columns
 
 
+def _without_vectors(dtype: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a record whose vectors are bytes: numpy then moves each at once, and not number by number."""
+    places: Any = dtype.fields
+    kinds = {name: kind for name, (kind, _) in places.items()}
+    layout: Any = {
+        "names": list(kinds),
+        "formats": [f"V{kind.itemsize}" if _is_moved_whole(kind) else kind for kind in kinds.values()],
+        "offsets": [place[1] for place in places.values()],
+        "itemsize": dtype.itemsize,
+    }
+    moved: np.dtype[Any] = np.dtype(layout)
+    return moved
+
+
+def _is_moved_whole(kind: np.dtype[Any]) -> bool:
+    return bool(kind.shape) and kind.base.kind in "if"  # a byte may stand for a truth value: any but zero is true
+
+
+def _by_row(array: Array) -> Array:
+    """Return a view of an array of vectors with each as so many bytes, where `_without_vectors` does the same."""
+    kind = np.dtype((array.dtype, array.shape[1:]))
+    return array.view(f"V{kind.itemsize}").reshape(len(array)) if _is_moved_whole(kind) else array
+
+
+def _join_head(payload: np.dtype[Any]) -> np.dtype[Any]:
+    """Return a whole message record as numpy has it, so that one copy brings all of it."""
+    at = MESSAGE_HEAD.itemsize
+    return np.dtype(
+        {
+            "names": ["head", "encoding", "payload"],
+            "formats": [MESSAGE_HEAD, _CDR_HEADER.dtype, payload],
+            "offsets": [0, at, at],
+            "itemsize": at + payload.itemsize,
+        }
+    )
+
+
 def _payload(data: bytes, offset: int, length: int) -> bytes:
     return data[offset + MESSAGE_HEAD.itemsize : offset + MESSAGE_HEAD.itemsize + length - _OWN_HEAD]
 
@@ -244,7 +301,7 @@ def _read_u32(rows: npt.NDArray[np.uint8], start: int) -> npt.NDArray[np.int64]:
 
 
 def _head_columns(heads: Array) -> dict[str, Array]:
-    return {name: heads[name].astype(kind) for name, kind in _HEAD_COLUMNS.items()}
+    return {name: heads[name].astype(kind) for name, kind in HEAD_COLUMNS.items()}
 
 
 def _gather(data: bytes, offsets: Offsets, dtype: np.dtype[Any]) -> Array:
@@ -254,8 +311,9 @@ def _gather(data: bytes, offsets: Offsets, dtype: np.dtype[Any]) -> Array:
         return np.empty(0, dtype)
     if n_places <= int(offsets.max()) or int(offsets.min()) < 0:
         raise DamagedError("a message goes beyond it")
-    places: Array = np.ndarray((n_places,), dtype, buffer=data, strides=(1,))
-    return places[offsets]
+    # copied as bytes without fields: numpy copies a record with fields one field after the other
+    places: Array = np.ndarray((n_places,), f"V{dtype.itemsize}", buffer=data, strides=(1,))
+    return places[offsets].view(dtype)
 
 
 def _gather_bytes(data: bytes, offsets: Offsets, size: int) -> npt.NDArray[np.uint8]:

@@ -7,18 +7,19 @@ import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from bench.errors import RecordingError
 from bench.recording.cdr import CdrError
-from bench.recording.columns import Array, Collector, Columns, make_collector
+from bench.recording.columns import HEAD_COLUMNS, Array, Collector, Columns, make_collector
 from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk, read_chunk, read_offsets
 from bench.recording.output import active_path
 from bench.recording.schemas import Schema, load_schema, parse_schema
 from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS
 
-__all__ = ["opened", "read_topics"]
+__all__ = ["Span", "opened", "read_topics", "split_spans"]
 
 _log = logging.getLogger(__name__)
 
@@ -41,10 +42,37 @@ def opened(path: Path) -> Iterator[int]:
         os.close(descriptor)
 
 
+class Span(NamedTuple):
+    """A stretch of arrival times."""
+
+    start_ns: int = 0
+    end_ns: int = 1 << 63
+    """The first moment that is not in it."""
+
+    def touches(self, chunk: Chunk) -> bool:
+        return chunk.start_ns < self.end_ns and self.start_ns <= chunk.end_ns
+
+
+_ALWAYS = Span()
+
+
+def split_spans(container: Container, unpacked_bytes: int) -> Iterator[Span]:
+    """Yield spans that together hold everything, each of about so many bytes and never less than a chunk."""
+    start_ns, size = _ALWAYS.start_ns, 0
+    for chunk in sorted(container.chunks, key=lambda chunk: chunk.start_ns):
+        if size >= unpacked_bytes and chunk.start_ns > start_ns:
+            yield Span(start_ns, chunk.start_ns)
+            start_ns, size = chunk.start_ns, 0
+        size += chunk.unpacked_size
+    yield Span(start_ns)
+
+
 def read_topics(
-    path: Path, container: Container, topics: Iterable[str], frames: Columns | None = None
+    path: Path, container: Container, topics: Iterable[str], frames: Columns | None = None, span: Span = _ALWAYS
 ) -> dict[str, Columns]:
     """Read all of `topics` in one pass; `frames` are those of /tracker/frame if they are not among them.
+
+    Of the file only the chunks that touch `span` are read, and of their messages those that arrived in it are kept.
 
     A damaged chunk is taken out of `container.chunks` and noted in `container.damage`.
 
@@ -54,16 +82,16 @@ def read_topics(
         A topic is none of bench's, or its messages are not what this version can read.
     """
     try:
-        collectors = {topic: _make_collector(path, container, topic) for topic in topics}
+        collectors = {topic: _make_collector(path, container, topic, span) for topic in topics}
         with opened(path) as descriptor:
-            _collect(descriptor, container, collectors)
-        arrays = {topic: collector.columns() for topic, collector in collectors.items()}
+            _collect(descriptor, container, collectors, span)
+        arrays = {topic: _trim(topic, collector.columns(), span) for topic, collector in collectors.items()}
     except (CdrError, MemoryError) as error:
         raise RecordingError(f"{path} cannot be read: {error}.") from error
     return _put_together(path, arrays, frames)
 
 
-def _make_collector(path: Path, container: Container, topic: str) -> Collector:
+def _make_collector(path: Path, container: Container, topic: str, span: Span) -> Collector:
     if topic not in TOPICS:
         raise RecordingError(f"'{topic}' is no topic of a run file; there are: {', '.join(TOPICS)}.")
     channels = [channel for channel in container.channels.values() if channel.topic == topic]
@@ -72,7 +100,8 @@ def _make_collector(path: Path, container: Container, topic: str) -> Collector:
         raise RecordingError(f"{path} holds {topic} in {len(schemas)} different definitions.")
     schema = next(iter(schemas.values()), load_schema(TOPICS[topic].schema))
     ids = {channel.id for channel in channels}
-    return make_collector(schema, sum(chunk.counts.get(key, 0) for chunk in container.chunks for key in ids))
+    touched = [chunk for chunk in container.chunks if span.touches(chunk)]
+    return make_collector(schema, sum(chunk.counts.get(key, 0) for chunk in touched for key in ids))
 
 
 def _read_schema(path: Path, channel: Channel) -> Schema:
@@ -86,10 +115,10 @@ def _read_schema(path: Path, channel: Channel) -> Schema:
     return parse_schema(own, channel.schema_text)
 
 
-def _collect(descriptor: int, container: Container, collectors: Mapping[str, Collector]) -> None:
+def _collect(descriptor: int, container: Container, collectors: Mapping[str, Collector], span: Span) -> None:
     wanted = {key: collectors[c.topic] for key, c in container.channels.items() if c.topic in collectors}
     for chunk in list(container.chunks):
-        if wanted.keys().isdisjoint(chunk.counts):
+        if wanted.keys().isdisjoint(chunk.counts) or not span.touches(chunk):
             continue
         try:
             _collect_chunk(descriptor, chunk, wanted)
@@ -105,6 +134,23 @@ def _collect_chunk(descriptor: int, chunk: Chunk, wanted: Mapping[int, Collector
     for channel, offsets in read_offsets(descriptor, chunk, data).items():
         if channel in wanted and len(offsets):
             wanted[channel].take(data, offsets)
+
+
+def _trim(topic: str, arrays: dict[str, Array], span: Span) -> dict[str, Array]:
+    if span == _ALWAYS:
+        return arrays
+    times_ns = arrays["log_time_ns"]
+    kept = (times_ns >= span.start_ns) & (times_ns < span.end_ns)
+    if topic != POINTS:
+        return {name: array[kept] for name, array in arrays.items()}
+    n_points = np.diff(arrays["offsets"])
+    kept_points = np.repeat(kept, n_points)
+    trimmed = {
+        name: array[kept if name in HEAD_COLUMNS else kept_points]
+        for name, array in arrays.items()
+        if name != "offsets"
+    }
+    return trimmed | {"offsets": np.concatenate([[0], np.cumsum(n_points[kept])])}
 
 
 def _put_together(path: Path, arrays: dict[str, dict[str, Array]], frames: Columns | None) -> dict[str, Columns]:

@@ -6,6 +6,7 @@ points of a whole chunk can be read at once.
 
 from __future__ import annotations
 
+import itertools
 import struct
 from collections.abc import Mapping
 from typing import Any
@@ -13,17 +14,19 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.model import TrackerFrame
+from bench.model import NO_ID, TrackerFrame
 from bench.recording.cdr import CdrError, Layout, decode, encode
 from bench.recording.schemas import load_schema
 
-__all__ = ["CLOUD_SCHEMA", "CLOUD_TAIL_SIZE", "POINT", "encode_cloud", "split_stamp", "verify_cloud"]
+__all__ = ["CLOUD_SCHEMA", "CLOUD_TAIL_SIZE", "POINT", "encode_cloud", "read_points", "split_stamp", "verify_cloud"]
 
 CLOUD_SCHEMA = "sensor_msgs/msg/PointCloud2"
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("residual", "<f4"), ("id", "<u4"), ("flags", "<u4")])
 """One point as it stands in the message; lengths in metres, lab frame."""
 
 _FLOAT32, _UINT32 = 7, 6  # sensor_msgs/msg/PointField
+_KINDS: Mapping[int, str] = {_FLOAT32: "f4", 8: "f8", 2: "u1", 4: "u2", _UINT32: "u4"}
+"""Of a field's number there: those of the kinds that ours have."""
 _NS_PER_S = 1_000_000_000
 _LAST_SECOND = 2**31 - 1  # builtin_interfaces/msg/Time counts seconds in an int32
 
@@ -80,6 +83,53 @@ def verify_cloud(values: Mapping[str, Any]) -> None:
     for path in ours.keys() | values.keys():
         if path not in _CHANGING and ours.get(path) != values.get(path):
             raise CdrError(f"{path} of a point cloud is {values.get(path)!r} instead of {ours.get(path)!r}")
+
+
+def read_points(values: Mapping[str, Any]) -> npt.NDArray[Any]:
+    """Return the points of a decoded cloud as `POINT` records, wherever in a point their fields stand.
+
+    What the cloud does not have of a point is missing: residual NaN, id `NO_ID`, flags 0.
+
+    Raises
+    ------
+    CdrError
+        It has no positions, or its sizes contradict each other.
+    """
+    try:
+        source = np.frombuffer(values["data"], _find_fields(values))
+        if len(source) != values["width"] * values["height"]:
+            raise CdrError(f"{len(source)} points where {values['width']} times {values['height']} are named")
+    except (LookupError, TypeError, ValueError) as error:
+        raise CdrError(f"a point cloud cannot be understood: {error}") from error
+    points = np.zeros(len(source), POINT)
+    points["residual"], points["id"] = np.nan, NO_ID
+    with np.errstate(over="ignore"):  # of a float64 that is no length
+        for name in source.dtype.names or ():
+            points[name] = source[name]
+    return points
+
+
+def _find_fields(values: Mapping[str, Any]) -> np.dtype[Any]:
+    """Return a point as it stands in the message, of its fields those that are ours."""
+    order = ">" if values["is_bigendian"] else "<"
+    formats, offsets = {}, {}
+    for i in itertools.count():
+        name = values.get(f"fields.{i}.name")
+        if name is None:
+            break
+        kind = _KINDS.get(values[f"fields.{i}.datatype"])
+        if name in (POINT.names or ()) and kind is not None and np.dtype(kind).kind == POINT[name].kind:
+            formats[name], offsets[name] = order + kind, values[f"fields.{i}.offset"]
+    if missing := {"x", "y", "z"} - formats.keys():
+        raise CdrError(f"it has no {', '.join(sorted(missing))}")
+    layout: Any = {
+        "names": list(formats),
+        "formats": list(formats.values()),
+        "offsets": list(offsets.values()),
+        "itemsize": values["point_step"],
+    }
+    point: np.dtype[Any] = np.dtype(layout)
+    return point
 
 
 def split_stamp(unix_ns: int) -> tuple[int, int]:

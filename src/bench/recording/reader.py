@@ -19,7 +19,7 @@ from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
 from bench.recording.container import Container, DamagedError
-from bench.recording.loading import opened, read_topics
+from bench.recording.loading import Span, opened, read_topics, split_spans
 from bench.recording.scanning import scan_container
 from bench.recording.topics import BODIES, FRAME, POINTS, STATS
 
@@ -28,6 +28,9 @@ __all__ = ["Run", "RunStatus", "open_run"]
 SALVAGE = "bench.salvage"
 """Metadata of a file that was salvaged: what was lost."""
 LAST_SECOND = "what was received in about the last second before the recording broke off"
+LAST_NS = Span().end_ns
+PART_BYTES = 64 << 20
+"""Some minutes of an ordinary run: enough that the work is not in the parts' edges, little beside any memory."""
 _DEVICE = "bench.device."
 
 
@@ -203,6 +206,45 @@ class Run:
         if missing:
             frames = self._loaded.get(FRAME)
             self._loaded |= read_topics(self.path, self._container, missing, frames)
+
+    def read(self, topics: Iterable[str], start_ns: int = 0, end_ns: int = LAST_NS) -> dict[str, Columns]:
+        """Read what arrived from `start_ns` on and before `end_ns`, by topic, and keep nothing of it here.
+
+        Only the chunks of that time are read. Points come with their frames, and both need no other time.
+
+        Parameters
+        ----------
+        topics : iterable of str
+        start_ns, end_ns : int, optional
+            Host Unix time, as in ``log_time_ns``.
+
+        Raises
+        ------
+        RecordingError
+            As for `load`.
+        """
+        wanted = list(dict.fromkeys(topics))
+        added = [] if {POINTS, BODIES}.isdisjoint(wanted) else [FRAME]
+        found = read_topics(self.path, self._container, dict.fromkeys([*added, *wanted]), span=Span(start_ns, end_ns))
+        return {topic: found[topic] for topic in wanted}
+
+    def stream(self, topics: Iterable[str], part_bytes: int = PART_BYTES) -> Iterator[dict[str, Columns]]:
+        """Read a file of any size part by part, in order of arrival: `read` of one time after the other.
+
+        Parameters
+        ----------
+        topics : iterable of str
+        part_bytes : int, optional
+            How much of the unpacked file is in a part, all topics counted. A part is at least a chunk of the file.
+
+        Raises
+        ------
+        RecordingError
+            As for `load`.
+        """
+        wanted = list(topics)
+        for start_ns, end_ns in split_spans(self._container, part_bytes):
+            yield self.read(wanted, start_ns, end_ns)
 
 
 def _drop_broken_notes(container: Container) -> None:
