@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import shutil
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -206,7 +205,7 @@ class _Session:
 
     def _say_how_to_go_on(self, path: Path) -> None:
         progress = self._progress
-        if progress.run_started_ns < 0 or progress.n_completed >= progress.n_cycles:
+        if progress.run_started_ns < 0 or progress.n_completed >= progress.n_cycles or not path.exists():
             return
         speed = [] if self._options.speed == 1.0 else ["--speed", f"{self._options.speed:g}"]
         command = ["bench", "run", "--cycles", str(progress.n_cycles), *speed, "--resume", str(path)]
@@ -226,7 +225,7 @@ class _Session:
             self._inbox,
             writer.put,
             writer.note_missed,
-            free_bytes=lambda: shutil.disk_usage(self._path.parent).free,
+            free_bytes=lambda: writer.free_bytes,
             written=lambda: writer.bytes_written,
             first_cycle_index=self._options.n_before,
             packets=self._path.with_suffix(""),
