@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 from benchmarks.calibration import measure_calibration
+from benchmarks.recording import measure_recording
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -55,6 +56,7 @@ def main() -> None:
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_take_import(folder, full, bench)
         rows += measure_calibration(folder, bench)
+        rows += measure_recording(full)
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:
