@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import json
+import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -31,6 +34,7 @@ from rosbags.highlevel import AnyReader
 from bench.model import Record, TrackerFrame
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, Columns, Run, open_run
 
+JAVASCRIPT = Path(__file__).parent / "javascript"
 _MODERATE = settings(max_examples=25, deadline=None)
 
 
@@ -161,7 +165,29 @@ def read_with_rosbags(path: Path) -> dict[str, list[Any]]:
     return theirs
 
 
-@pytest.mark.parametrize("read", [read_with_mcap, read_with_rosbags])
+def read_with_javascript(path: Path) -> dict[str, list[Any]]:
+    """Read every message with the libraries of Foxglove and Lichtblick."""
+    if shutil.which("node") is None or not (JAVASCRIPT / "node_modules").is_dir():
+        pytest.skip(f"needs Node.js, and once: npm install --prefix {JAVASCRIPT}")
+    done = subprocess.run(["node", JAVASCRIPT / "read.mjs", path], capture_output=True, text=True, check=True)
+    theirs: dict[str, list[Any]] = {}
+    for line in done.stdout.splitlines():
+        topic, log_time, publish_time, sequence, decoded = json.loads(line, object_hook=_from_json)
+        message = SimpleNamespace(log_time=log_time, publish_time=publish_time, sequence=sequence)
+        theirs.setdefault(topic, []).append((message, decoded))
+    return theirs
+
+
+def _from_json(values: dict[str, Any]) -> Any:
+    match values:
+        case {"$int": digits}:
+            return int(digits)
+        case {"$float": word}:
+            return float(word)
+    return SimpleNamespace(**values)
+
+
+@pytest.mark.parametrize("read", [read_with_mcap, read_with_rosbags, read_with_javascript])
 def test_an_independent_decoder_agrees_on_every_topic(
     tmp_path: Path, read: Callable[[Path], dict[str, list[Any]]]
 ) -> None:
