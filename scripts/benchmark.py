@@ -17,6 +17,7 @@ import psutil
 import pyarrow.parquet as pq
 from benchmarks.calibration import measure_calibration
 from benchmarks.reading import measure_reading
+from benchmarks.recording import measure_recording
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -56,6 +57,7 @@ def main() -> None:
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_take_import(folder, full, bench)
         rows += measure_calibration(folder, bench)
+        rows += measure_recording(full)
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:

@@ -51,6 +51,12 @@ def test_the_run_file_names_the_libraries_that_spoke_to_the_devices(job: Path) -
     assert {"cable-bench", "httpx", "mcap", "numpy", "pymodbus"} <= open_run(job / "a.mcap").versions.keys()
 
 
+def test_the_run_file_holds_what_was_checked_before_it_and_which_program_was_loaded(job: Path) -> None:
+    checked = open_run(job / "a.mcap").metadata["bench.preflight"]
+    assert checked["program loaded"] == "ok: bend_test.urp"
+    assert {"robot ready", "robot rate", "tracker rate", "markers", "disk space"} <= checked.keys()
+
+
 def test_run_file_and_report_say_how_well_the_cycles_times_are_known(job: Path) -> None:
     accuracy = "starts and ends are known to one robot sample, and no count can be lost; a sample comes every 8 ms"
     recorded = open_run(job / "a.mcap").metadata["bench.cycle_source"]

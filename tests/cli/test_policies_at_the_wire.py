@@ -115,3 +115,21 @@ def test_a_disk_that_is_full_aborts_the_run_and_what_was_written_can_be_read(sma
     done = cycles(open_run(bench.run_file.with_name("a.mcap.active")), CycleEventKind.COMPLETED)
     assert done == list(range(len(done)))
     assert done
+
+
+def test_a_folder_that_is_moved_away_aborts_the_run_and_the_file_in_it_can_be_read(tmp_path: Path) -> None:
+    folder = tmp_path / "runs"
+    folder.mkdir()
+    bench = FaultBench(folder, "127.0.65.37", 60, speed=8.0, policy="")
+    try:
+        bench.wait("what two flushes wrote", lambda: bench.n_completed() >= 10)
+        folder.rename(tmp_path / "moved")
+        code, out, err = bench.finish()
+    finally:
+        bench.close()
+    assert code == 5, out + err
+    assert f"{bench.run_file}.active cannot be written: No such file or directory" in err
+    assert "Traceback" not in err
+    done = cycles(open_run(tmp_path / "moved" / "a.mcap.active"), CycleEventKind.COMPLETED)
+    assert done == list(range(len(done)))
+    assert done

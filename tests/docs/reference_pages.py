@@ -59,7 +59,7 @@ A run file is an [MCAP](https://mcap.dev) file. Every message is CDR (little end
 that Lichtblick, Foxglove, Rerun and PlotJuggler open it without plugins. The schemas travel in the file.
 
 While it is written the file is called `NAME.mcap.active`; when it is finished it is renamed to `NAME.mcap`. An
-existing file is never overwritten. Chunks are LZ4-compressed, at most about 1 MiB or one second long, each with a
+existing file is never overwritten. Chunks are LZ4-compressed, at most about 1 MiB or half a second long, each with a
 checksum. Why it is so: [the explanation](../explanations/recording.md).
 
 ## Times and numbers
@@ -83,12 +83,30 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.facts` | name, sample, operator, computer, whether the bench was simulated |
 | `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
 | `bench.device.robot`, `bench.device.tracker` | what each device said of itself, and who stamps its arrivals |
+| `bench.preflight` | each check before the first cycle, verdict and value; the program that the controller has loaded |
 | `bench.cycle_source` | what tells the cycles, and how well it knows their times |
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |
 | `bench.salvage` | `lost`: of a file made by `bench salvage`, what was lost |
-| `bench.end` | exit status, reason, and for each topic received, written, dropped and missed |
+| `bench.end` | exit status, reason, and for each topic received, written, dropped, missed; longest queue and sync |
+
+## Attachments
+
+| file | holds |
+|---|---|
+| `config.toml` | the resolved configuration |
+| `calibration.toml` | the calibration that the configuration names, if any; it is part of `config.toml`, too |
+
+The robot program stays on the controller. What is recorded is the name under which the controller has loaded it
+(`program loaded` in `bench.preflight`); neither of UR's interfaces tells a program's content or a hash of it.
+
+## What the recorder counts
+
+Twice a second `/bench/stats` has a message for each topic that had records: handed to the recorder (`received`), given
+to the file (`written`), not written though received (`dropped`: the queue was full, or the record did not fit its
+schema), never received (`missed`: gaps in the device's sequence), the longest the queue ever was, and the longest sync.
+At every moment received = written + dropped. The same totals are in `bench.end`.
 
 ## Topics
 """

@@ -11,8 +11,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 
-from bench.config import Config, parse_config, to_toml
+from bench.config import Config, load_calibration, parse_config, to_toml
 from bench.drivers.takes import read_take
 from bench.errors import RecordingError, RecordingExistsError
 from bench.model import NO_ID, StampKind
@@ -33,6 +34,28 @@ minimum_bend_radius_mm = 60.0
 [cable.anchor]
 kind = "ANCHOR"
 """
+CALIBRATION = """
+[calibration.measured]
+run_file = "cal.mcap"
+run_id = "a-1"
+created_utc = "2026-11-22T06:00:00Z"
+bench_version = "0.1.0"
+[calibration.measured.time]
+offset_ms = -4.6
+offset_sd_ms = 0.01
+[calibration.measured.space]
+method = "rigid body"
+lab_from_base_rotation_rad = [0.1, 0.2, 0.3]
+lab_from_base_shift_m = [1.0, 2.0, 3.0]
+lab_from_base_covariance = [ROW, ROW, ROW, ROW, ROW, ROW]
+tcp_from_body_rotation_rad = [0.0, 0.0, 1.0]
+tcp_from_body_shift_m = [0.0, 0.0, 0.1]
+tcp_from_body_sd_mm = [0.01, 0.01, 0.01]
+residual_rms_mm = 0.2
+residual_max_mm = 0.5
+n_frames = 100
+n_outliers = 1
+""".replace("ROW", str([0.0] * 6))
 TRACKING_TOOLS = """righthanded
 info,framecount,4
 trackable,"pole",3,1,0.1,0.2,0.3
@@ -66,6 +89,16 @@ def test_every_point_of_a_take_is_in_its_recording(path: Path, tmp_path: Path) -
     np.testing.assert_array_equal(points.capture_ns, [f.capture_ns for f in frames])
     np.testing.assert_array_equal(points.device_ticks, [f.device_ticks for f in frames])
     np.testing.assert_array_equal(points.frame_number, [f.frame_number for f in frames])
+
+
+def test_the_calibration_travels_as_a_file_that_can_be_used_again(tmp_path: Path) -> None:
+    config = make_config(extra=CALIBRATION)
+    run_import(MARKERS, tmp_path, config)
+    with (tmp_path / "run.mcap").open("rb") as stream:
+        attached = {one.name: one.data for one in make_reader(stream).iter_attachments()}
+    assert set(attached) == {"config.toml", "calibration.toml"}
+    (tmp_path / "again.toml").write_bytes(attached["calibration.toml"])
+    assert load_calibration(tmp_path / "again.toml") == config.calibration.measured
 
 
 def test_a_recording_of_a_take_is_complete_and_says_that_it_is_one(tmp_path: Path) -> None:

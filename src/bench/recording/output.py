@@ -81,6 +81,18 @@ class OutputFile:
         finally:
             os.close(descriptor)
 
+    def free_bytes(self) -> int:
+        """Return what the disk can still take, wherever the folder has gone meanwhile.
+
+        Raises
+        ------
+        RecordingError
+            The disk is gone.
+        """
+        with _explained(self.active):
+            status = os.fstatvfs(self.stream.fileno())
+        return status.f_bavail * status.f_frsize
+
     def close(self) -> None:
         """Close without publishing: what is readable stays under the active name."""
         with suppress(OSError):  # a full disk refuses the last bytes once more

@@ -1,21 +1,18 @@
 """Records to a run file: one bounded queue, one thread that writes, at most one second at risk.
 
 ``put`` never waits: the drivers' reader threads take the time stamps, and a disk that stalls must not move them. What
-does not fit the queue is dropped and counted. Each second of the machine's own time the chunk in progress is
+does not fit the queue is dropped and counted. Twice a second of the machine's own time the chunk in progress is
 finished, flushed and synced to the disk, so that a killed process, a crashed system or a power cut costs at most
-that second (measured: without the sync, a power cut costs everything since the start).
+one second (measured: without the sync, a power cut costs everything since the start).
 """
 
 from __future__ import annotations
 
-import json
 import logging
-import platform
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +21,7 @@ from mcap.writer import CompressionType, Writer
 from bench.errors import BenchError, RecordingError
 from bench.model import DeviceInfo, Record, RecorderStats
 from bench.recording.counts import Counts
+from bench.recording.descriptions import describe_device, describe_end, describe_run
 from bench.recording.output import OutputFile, explain_os_error
 from bench.recording.schemas import load_schema
 from bench.recording.topics import TOPICS, Message, encode_record
@@ -36,8 +34,9 @@ FORMAT_VERSION = "1"
 
 DRAIN_S = 0.02
 """How often the queue is emptied: 17 records at 860 a second, and no measurable effect on the reader threads."""
-SYNC_S = 0.9
-"""A crash may cost this and a sync (1 to 6 ms on a good disk): within the second that is promised."""
+SYNC_S = 0.5
+"""A crash may cost this and one sync: within the second that is promised also where a sync takes 0.4 s (1 to 6 ms on
+a good disk)."""
 BATCH = 1000
 """Records between two looks at the clock (10 to 30 ms of writing): a long queue must not put off the sync."""
 CHUNK_BYTES = 1 << 20
@@ -65,6 +64,8 @@ class RunWriter:
         Unique name of the run.
     extra : mapping, optional
         Further metadata records by name.
+    attachments : mapping, optional
+        TOML texts by file name that travel in the file as attachments, besides ``config.toml``.
     on_failure : callable, optional
         Called once, from the writer thread, when the file cannot be written any more.
     queue_limit : int, optional
@@ -87,6 +88,7 @@ class RunWriter:
         versions: Mapping[str, str],
         run_id: str,
         extra: Mapping[str, Mapping[str, str]] | None = None,
+        attachments: Mapping[str, str] | None = None,
         on_failure: Callable[[BenchError], None] | None = None,
         queue_limit: int = 200_000,
     ) -> None:
@@ -108,7 +110,11 @@ class RunWriter:
         self._file = OutputFile(Path(path))
         try:
             self._mcap = self._open_mcap()
-            self._write_opening(config_toml, _describe_run(run_id, clock, versions), extra or {})
+            run = describe_run(run_id, FORMAT_VERSION, clock, versions)
+            self._write_opening({"bench.run": run, "bench.config": {"toml": config_toml}} | dict(extra or {}))
+            self._attach({"config.toml": config_toml} | dict(attachments or {}))
+            self._mcap.flush()
+            self._file.sync()
             self._file.sync_folder()
         except Exception as error:
             self._file.discard()
@@ -155,7 +161,7 @@ class RunWriter:
 
     def add_device(self, info: DeviceInfo) -> None:
         """Add what a device says of itself as metadata ``bench.device.<device>``."""
-        self.add_metadata(f"bench.device.{info.device}", _describe_device(info))
+        self.add_metadata(f"bench.device.{info.device}", describe_device(info))
 
     @property
     def stats(self) -> dict[str, RecorderStats]:
@@ -171,6 +177,11 @@ class RunWriter:
     def bytes_written(self) -> int:
         """Size of the file so far."""
         return self._bytes_written
+
+    @property
+    def free_bytes(self) -> int:
+        """Bytes that the file's disk can still take; `RecordingError` if the disk is gone."""
+        return self._file.free_bytes()
 
     def close(self, *, exit_status: str, reason: str) -> Path:
         """Write what waits and the totals, make the file durable and give it its final name.
@@ -220,17 +231,16 @@ class RunWriter:
             self._channels[topic.name] = writer.register_channel(topic.name, "cdr", schema_id)
         return writer
 
-    def _write_opening(self, config_toml: str, run: Mapping[str, str], extra: Mapping[str, Mapping[str, str]]) -> None:
-        now = max(self._clock.now_ns(), 0)
-        self._mcap.add_metadata("bench.run", dict(run))
-        self._mcap.add_metadata("bench.config", {"toml": config_toml})
-        # repeats what stands in the first chunk, so that losing that chunk does not make the others unreadable
-        self._mcap.add_metadata("bench.channels", {str(key): topic for topic, key in self._channels.items()})
-        for name, values in extra.items():
+    def _write_opening(self, notes: Mapping[str, Mapping[str, str]]) -> None:
+        # the channels repeat what stands in the first chunk, so that losing that does not make the others unreadable
+        channels = {"bench.channels": {str(key): topic for topic, key in self._channels.items()}}
+        for name, values in (channels | dict(notes)).items():
             self._mcap.add_metadata(name, dict(values))
-        self._mcap.add_attachment(now, now, "config.toml", "application/toml", config_toml.encode())
-        self._mcap.flush()
-        self._file.sync()
+
+    def _attach(self, texts: Mapping[str, str]) -> None:
+        now = _clamp_ns(self._clock.now_ns())
+        for name, text in texts.items():
+            self._mcap.add_attachment(now, now, name, "application/toml", text.encode())
 
     # the writer thread, and after it has ended the thread that closes
 
@@ -248,7 +258,7 @@ class RunWriter:
     def _finish(self, exit_status: str, reason: str) -> None:
         self._drain()
         self._sync()
-        self._mcap.add_metadata("bench.end", self._describe_end(exit_status, reason))
+        self._mcap.add_metadata("bench.end", describe_end(exit_status, reason, self._clock.now_ns(), self._counts))
         self._mcap.finish()
         self._file.sync()
         self._bytes_written = self._file.stream.tell()
@@ -346,49 +356,7 @@ class RunWriter:
             while True:
                 self._counts.drop(self._queue.popleft())
 
-    def _describe_end(self, exit_status: str, reason: str) -> dict[str, str]:
-        stats = self._counts.snapshot(self._clock.now_ns())
-        totals = {
-            topic: {"received": s.received, "written": s.written, "dropped": s.dropped, "missed": s.missed}
-            for topic, s in stats.items()
-        }
-        return {
-            "exit_status": exit_status,
-            "reason": reason,
-            "ended_ns": str(self._clock.now_ns()),
-            "totals": json.dumps(totals),
-            "queue_high_water": str(self._counts.queue_high_water),
-            "longest_sync_ms": f"{self._counts.longest_sync_ms:.3f}",
-        }
-
 
 def _clamp_ns(unix_ns: int) -> int:
     """MCAP's own times are unsigned; the message keeps the time as it was given."""
     return unix_ns if 0 <= unix_ns <= _LAST_NS else min(max(unix_ns, 0), _LAST_NS)
-
-
-def _describe_run(run_id: str, clock: Clock, versions: Mapping[str, str]) -> dict[str, str]:
-    now = clock.now_ns()
-    started = datetime.fromtimestamp(now * 1e-9, tz=UTC).isoformat(timespec="milliseconds")
-    about = {
-        "run_id": run_id,
-        "format_version": FORMAT_VERSION,
-        "started_utc": started,
-        "started_ns": str(now),
-        "clock_speed": repr(clock.speed),
-        "host_name": platform.node(),
-    }
-    return about | {f"version.{name}": text for name, text in versions.items()}
-
-
-def _describe_device(info: DeviceInfo) -> dict[str, str]:
-    """Return a device's own words as the values of a metadata record."""
-    return {
-        "device": info.device,
-        "kind": info.kind,
-        "address": info.address,
-        "version": info.version,
-        "rate_hz": repr(float(info.rate_hz)),
-        "bodies": json.dumps({str(key): name for key, name in info.bodies.items()}),
-        "detail": json.dumps(info.detail),
-    }

@@ -8,9 +8,9 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
 from bench.analysis import describe_source
-from bench.config import Config
+from bench.config import Config, to_toml
 
-__all__ = ["describe_cycle_source", "describe_origin", "find_versions"]
+__all__ = ["attach_calibration", "describe_cycle_source", "describe_origin", "find_versions"]
 
 
 def describe_origin(config: Config) -> dict[str, str]:
@@ -30,6 +30,12 @@ def describe_cycle_source(config: Config, rate_hz: float) -> dict[str, str]:
         return {}
     name, accuracy = describe_source(config.robot.cycle)
     return {"source": name, "accuracy": f"{accuracy}; a sample comes every {1e3 / rate_hz:.3g} ms"}
+
+
+def attach_calibration(config: Config) -> dict[str, str]:
+    """Return the calibration that a configuration uses as a text by its file name; nothing without one."""
+    measured = config.calibration.measured
+    return {} if measured is None else {"calibration.toml": to_toml(measured)}
 
 
 def find_versions(libraries: Iterable[str]) -> dict[str, str]:

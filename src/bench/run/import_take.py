@@ -14,7 +14,7 @@ from bench.config import Config
 from bench.drivers.takes import TICKS_PER_S, Take, TakeInfo, read_take
 from bench.model import DeviceInfo, LogEntry, Severity, TrackerFrame
 from bench.recording import POINTS, RunWriter
-from bench.run.about import describe_origin, find_versions
+from bench.run.about import attach_calibration, describe_origin, find_versions
 from bench.timing import Clock
 
 __all__ = ["ImportSummary", "import_take"]
@@ -136,6 +136,7 @@ def import_take(
         versions=find_versions(LIBRARIES),
         run_id=str(uuid.uuid4()),
         queue_limit=MAX_WAITING,
+        attachments=attach_calibration(config),
         extra={
             "bench.facts": describe_origin(config) | {"simulated": "false"},
             "bench.import": _describe_import(take, content.info, warnings, imported),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import shutil
 import uuid
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -13,7 +12,7 @@ from bench.config import Config, to_toml
 from bench.errors import ConfigError
 from bench.model import CheckItem, ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
 from bench.recording import RunWriter
-from bench.run.about import describe_cycle_source, describe_origin, find_versions
+from bench.run.about import attach_calibration, describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import RunEngine
@@ -206,7 +205,7 @@ class _Session:
 
     def _say_how_to_go_on(self, path: Path) -> None:
         progress = self._progress
-        if progress.run_started_ns < 0 or progress.n_completed >= progress.n_cycles:
+        if progress.run_started_ns < 0 or progress.n_completed >= progress.n_cycles or not path.exists():
             return
         speed = [] if self._options.speed == 1.0 else ["--speed", f"{self._options.speed:g}"]
         command = ["bench", "run", "--cycles", str(progress.n_cycles), *speed, "--resume", str(path)]
@@ -226,7 +225,7 @@ class _Session:
             self._inbox,
             writer.put,
             writer.note_missed,
-            free_bytes=lambda: shutil.disk_usage(self._path.parent).free,
+            free_bytes=lambda: writer.free_bytes,
             written=lambda: writer.bytes_written,
             first_cycle_index=self._options.n_before,
             packets=self._path.with_suffix(""),
@@ -244,6 +243,7 @@ class _Session:
         n_left = self._options.n_cycles - self._options.n_before + 1.0 / self._config.run.first_cycle_speed - 1.0
         expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
         items = _check(self._config, links, self._clock, self._path.parent, expected_s)
+        self._writer.add_metadata("bench.preflight", {item.name: f"{item.verdict}: {item.value}" for item in items})
         for item in items:
             self._view.show_item(item)
             if item.verdict in ("warn", "fail"):
@@ -354,6 +354,7 @@ def _open_writer(
         versions=find_versions(LIBRARIES),
         run_id=run_id,
         extra={"bench.facts": describe_origin(config) | facts} | ({RESUMED: origin.to_metadata()} if origin else {}),
+        attachments=attach_calibration(config),
         on_failure=lambda error: inbox.put(Fault(error)),
     )
 

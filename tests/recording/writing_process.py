@@ -1,0 +1,139 @@
+"""A process that records as a run does, and says in shared memory what it has put: the child that tests kill.
+
+Alone it is a sweep: ``python tests/recording/writing_process.py 50`` kills fifty and prints what was lost; with a
+second number, on a disk whose every sync takes so many seconds.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import random
+import signal
+import statistics
+import struct
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from recording_examples import make_frame, make_state, open_writer
+
+from bench.recording import FRAME, ROBOT, open_run
+from bench.timing import RunClock
+
+STATES_PER_S = 500
+STATES_PER_FRAME = 5
+PATIENCE_S = 60.0
+_SLOTS = struct.Struct("<4q")
+"""Number and arrival of the last state that was put, of the last frame, and the longest that the child was late."""
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What a killed process put, and what its file holds."""
+
+    put_states: int
+    put_frames: int
+    kept_states: list[int]
+    kept_frames: list[int]
+    lost_s: float
+    """From the last state in the file to the last that was put."""
+    late_s: float
+    """The longest that the machine kept the process from its turn: no promise of a recorder's covers that."""
+
+
+def record_until_killed(path: Path, shared: Path, sync_takes_s: float) -> None:
+    """Put 500 states and 100 frames a second, for ever, on a disk whose every sync takes so long."""
+    slow_down_the_disk(sync_takes_s)
+    with shared.open("r+b") as file:
+        slots = mmap.mmap(file.fileno(), _SLOTS.size)
+    clock = RunClock.start()
+    writer = open_writer(path, clock)
+    begin, late_ns, number = clock.now_ns(), 0, 0
+    while True:
+        due = begin + number * 1_000_000_000 // STATES_PER_S
+        clock.sleep_until_ns(due)
+        now = clock.now_ns()
+        late_ns = max(late_ns, now - due)
+        writer.put(make_state(number, arrival_ns=now, capture_ns=now))
+        if number % STATES_PER_FRAME == 0:
+            writer.put(make_frame(number // STATES_PER_FRAME, arrival_ns=now, capture_ns=now))
+        slots[:] = _SLOTS.pack(number, now, number // STATES_PER_FRAME, late_ns)
+        number += 1
+
+
+def slow_down_the_disk(sync_takes_s: float) -> None:
+    sync = os.fdatasync
+
+    def slow(descriptor: int) -> None:
+        time.sleep(sync_takes_s)
+        sync(descriptor)
+
+    os.fdatasync = slow
+
+
+@contextmanager
+def writing_process(path: Path, shared: Path, sync_takes_s: float = 0.0) -> Iterator[subprocess.Popen[bytes]]:
+    """Start the child, wait for its first records, and see that nothing of it is left."""
+    shared.write_bytes(_SLOTS.pack(-1, 0, -1, 0))
+    child = subprocess.Popen([sys.executable, __file__, str(path), str(shared), str(sync_takes_s)])
+    try:
+        pause = threading.Event()
+        for _ in range(round(PATIENCE_S / 0.01)):
+            if read_slots(shared)[0] >= 0:
+                break
+            assert child.poll() is None, "the child ended by itself"
+            pause.wait(0.01)
+        yield child
+    finally:
+        child.kill()
+        child.wait()
+
+
+def read_slots(shared: Path) -> tuple[int, int, int, int]:
+    number, arrival_ns, frame, late_ns = _SLOTS.unpack(shared.read_bytes())
+    return number, arrival_ns, frame, late_ns
+
+
+def measure_loss(path: Path, shared: Path) -> Loss:
+    """Compare what was put with what the unfinished file `path` holds."""
+    run = open_run(path)
+    number, arrival_ns, frame, late_ns = read_slots(shared)
+    last = int(run[ROBOT].arrival_ns[-1]) if len(run[ROBOT].arrival_ns) else arrival_ns - 10**12
+    frames = (run[FRAME].frame_number - 1000).tolist()
+    return Loss(number, frame, run[ROBOT].sequence.tolist(), frames, max(arrival_ns - last, 0) * 1e-9, late_ns * 1e-9)
+
+
+def kill_after(folder: Path, seconds: float, sync_takes_s: float = 0.0) -> Loss:
+    """Kill a recording process `seconds` after its first record."""
+    path, shared = folder / "run.mcap", folder / "shared"
+    with writing_process(path, shared, sync_takes_s) as child:
+        threading.Event().wait(seconds)
+        child.send_signal(signal.SIGKILL)
+        child.wait()
+    return measure_loss(path.with_name("run.mcap.active"), shared)
+
+
+def sweep(n: int, sync_takes_s: float) -> None:
+    """Kill `n` processes at random moments and print what was lost."""
+    losses = []
+    for _ in range(n):
+        with tempfile.TemporaryDirectory() as folder:
+            losses.append(kill_after(Path(folder), random.uniform(1.0, 3.0), sync_takes_s).lost_s)
+    sys.stdout.write(f"{n} killed: lost at most {max(losses):.3f} s, in the median {statistics.median(losses):.3f} s\n")
+
+
+if __name__ == "__main__":
+    match sys.argv[1:]:
+        case [n]:
+            sweep(int(n), 0.0)
+        case [n, sync_takes_s]:
+            sweep(int(n), float(sync_takes_s))
+        case [path, shared, sync_takes_s]:
+            record_until_killed(Path(path), Path(shared), float(sync_takes_s))
