@@ -1,9 +1,12 @@
 """The run file: written while the test runs, read as numpy columns afterwards."""
 
+from bench.recording.cdr import encode
 from bench.recording.columns import Columns
+from bench.recording.following import RunFollower
 from bench.recording.output import rename_new
 from bench.recording.reader import Run, RunStatus, open_run
-from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS
+from bench.recording.schemas import Schema, load_schema
+from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, TOPICS, Message
 from bench.recording.writer import RunWriter
 
 __all__ = [
@@ -16,10 +19,16 @@ __all__ = [
     "ROBOT",
     "STATE",
     "STATS",
+    "TOPICS",
     "Columns",
+    "Message",
     "Run",
+    "RunFollower",
     "RunStatus",
     "RunWriter",
+    "Schema",
+    "encode",
+    "load_schema",
     "open_run",
     "rename_new",
 ]

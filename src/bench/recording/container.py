@@ -26,7 +26,17 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-__all__ = ["MAGIC", "Channel", "Chunk", "Container", "DamagedError", "read_chunk", "read_offsets", "scan_container"]
+__all__ = [
+    "MAGIC",
+    "Channel",
+    "Chunk",
+    "Container",
+    "DamagedError",
+    "read_chunk",
+    "read_offsets",
+    "scan_container",
+    "scan_further",
+]
 
 MAGIC = b"\x89MCAP0\r\n"
 LARGEST_CHUNK = 256 << 20
@@ -112,8 +122,17 @@ def scan_container(descriptor: int) -> Container:
     """
     if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
         raise DamagedError("is not an MCAP file")
-    found = Container(size=os.fstat(descriptor).st_size)
-    offset = len(MAGIC)
+    found = Container(size=0, end=len(MAGIC))
+    scan_further(descriptor, found)
+    return found
+
+
+def scan_further(descriptor: int, found: Container) -> None:
+    """Go on where an earlier pass over the same file ended, for it has grown since: note what was added."""
+    if found.finished:
+        return
+    found.size, found.problem = os.fstat(descriptor).st_size, ""
+    known, offset = len(found.chunks), found.end
     while not found.finished:
         try:
             length = _scan_record(descriptor, offset, found)
@@ -124,12 +143,12 @@ def scan_container(descriptor: int) -> Container:
     if found.finished and os.pread(descriptor, len(MAGIC), offset) != MAGIC:
         found.finished, found.problem = False, f"the closing bytes are missing at byte {offset}"
     found.end = offset + (len(MAGIC) if found.finished else 0)
-    if not found.finished and found.chunks:
+    if not found.finished and len(found.chunks) > known:
         # the cut may have taken a part of the last chunk's index
         found.chunks[-1].index.clear()
         found.chunks[-1].counts.clear()
-    found.chunks = [chunk for chunk in found.chunks if _is_understood(descriptor, chunk, found)]
-    return found
+        found.current = None
+    found.chunks[known:] = [chunk for chunk in found.chunks[known:] if _is_understood(descriptor, chunk, found)]
 
 
 def read_chunk(descriptor: int, chunk: Chunk) -> bytes:

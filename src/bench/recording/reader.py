@@ -19,8 +19,8 @@ from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
 from bench.recording.container import Container, DamagedError, scan_container
-from bench.recording.loading import opened, read_topics
-from bench.recording.topics import BODIES, FRAME, POINTS, STATS
+from bench.recording.loading import opened, read_messages, read_topics
+from bench.recording.topics import BODIES, FRAME, POINTS, STATS, Message
 
 __all__ = ["Run", "RunStatus", "open_run"]
 
@@ -171,6 +171,13 @@ class Run:
         if missing:
             frames = self._loaded.get(FRAME)
             self._loaded |= read_topics(self.path, self._container, missing, frames)
+
+    def messages(self, topics: Iterable[str]) -> list[Message]:
+        """Return the messages of several topics as they stand in the file, undecoded and in its order.
+
+        Meant for parts of a file: all of them are in memory at once. Damaged chunks are left out.
+        """
+        return read_messages(self.path, self._container, topics)
 
 
 def _drop_broken_notes(container: Container) -> None:
