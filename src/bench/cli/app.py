@@ -13,6 +13,7 @@ from bench.cli.check import check
 from bench.cli.config import config_app
 from bench.cli.export import export
 from bench.cli.import_ import import_
+from bench.cli.live import live
 from bench.cli.report import report
 from bench.cli.run import run
 from bench.cli.simulate import simulate
@@ -34,6 +35,7 @@ app.command("report")(report)
 app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
+app.command("live")(live)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
 
