@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -19,6 +21,7 @@ from bench.recording import Run, load_schema, open_run
 from bench.recording.cdr import decode
 
 N_CYCLES = 20
+ROOT = Path(__file__).parents[2]
 
 
 @dataclass
@@ -63,6 +66,12 @@ def test_the_counter_of_cycles_arrives_and_goes_up_to_the_last(watched: Watched)
     assert counts == sorted(counts)
     assert len(set(counts)) > 2
     assert counts[-1] == N_CYCLES
+
+
+def test_the_status_says_why_there_is_no_cable_until_there_is_one(watched: Watched) -> None:
+    problems = [status["cable"] for status in watched.decoded("/live/status", "bench_msgs/msg/LiveStatus")]
+    assert problems[0] == "its static marker is looked for when the first cycle is completed"
+    assert problems[-1] == ""
 
 
 def test_markers_arrive_as_they_were_recorded_a_few_each_second(watched: Watched) -> None:
@@ -130,3 +139,18 @@ def test_without_the_library_one_sentence_says_what_to_install(tmp_path: Path) -
 
 def test_a_finished_run_is_not_followed(watched: Watched) -> None:
     assert "is finished" in one_sentence(bench("live", watched.run.path), 5)
+
+
+def test_the_layout_to_import_shows_topics_and_fields_that_are_served(watched: Watched) -> None:
+    text = (ROOT / "bench_configs" / "lichtblick_live.json").read_text(encoding="utf-8")
+    layout = json.loads(text)
+    assert sorted(panels_of(layout["layout"])) == sorted(layout["configById"])
+    named = re.findall(r'"(/[a-z]+/?[a-z]*)(?:\.(\w+)[^"]*)?"', text)
+    assert len(named) == 7
+    for topic, field in named:
+        schema = watched.client.channels[topic]["schema"]
+        assert not field or re.search(rf"\b{field}\b", schema)
+
+
+def panels_of(node: str | dict[str, Any]) -> list[str]:
+    return [node] if isinstance(node, str) else [*panels_of(node["first"]), *panels_of(node["second"])]
