@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 from bench_command import bench, one_sentence, simulated_file, start_bench
 from live_client import LiveClient, stalled_client
+from mcap.reader import make_reader
 
 from bench.recording import Run, load_schema, open_run
 from bench.recording.cdr import decode
@@ -88,15 +89,18 @@ def test_state_changes_and_cycle_events_arrive_whole(watched: Watched) -> None:
 
 
 def test_the_curvature_is_the_reports_own(watched: Watched, tmp_path: Path) -> None:
-    assert bench("report", watched.run.path, "--output", tmp_path / "a").returncode == 0
+    assert bench("report", watched.run.path, "--output", tmp_path / "a", "--mcap").returncode == 0
     import pyarrow.parquet as pq
 
     table = pq.read_table(tmp_path / "a" / "curvature.parquet").to_pydict()
     report = dict(zip(table["frame_number"], table["curvature_per_m"], strict=True))
+    with (tmp_path / "a" / "derived.mcap").open("rb") as stream:
+        derived = {one.sequence for _, _, one in make_reader(stream).iter_messages(topics=["/cable/curvature"])}
     shown = watched.decoded("/cable/curvature", "bench_msgs/msg/CableCurvature")
     assert len(shown) > N_CYCLES // 2
     for one in shown:
         np.testing.assert_allclose(one["curvature_per_m"], report[one["frame_number"]], rtol=1e-3, atol=1e-3)
+        assert one["frame_number"] in derived
         assert one["min_bend_radius_mm"] == pytest.approx(1e3 / np.nanmax(one["curvature_per_m"]), rel=1e-5)
 
 

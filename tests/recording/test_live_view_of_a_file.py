@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from recording_examples import T0_NS, make_frame, open_writer
 
-from bench.live.server import STATUS, LiveServer
+from bench.live.server import LiveServer
 from bench.live.view import show_run
 from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RunState, Severity, StateChange
 from bench.recording import CYCLE, POINTS, RunFollower, open_run
@@ -25,13 +25,13 @@ class Screen(LiveServer):
 
     def __init__(self) -> None:
         self.forwarded: dict[str, list[bytes]] = defaultdict(list)
-        self.sent: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+        self.statuses: list[Mapping[str, Any]] = []
 
     def forward(self, topic: str, payload: bytes, host_ns: int) -> None:
         self.forwarded[topic].append(payload)
 
-    def send(self, topic: str, values: Mapping[str, Any], host_ns: int) -> None:
-        self.sent[topic].append(values)
+    def show_status(self, values: Mapping[str, Any], host_ns: int) -> None:
+        self.statuses.append(values)
 
 
 class GrowsAtFirstWait(threading.Event):
@@ -72,7 +72,7 @@ def test_what_was_there_before_is_counted_and_only_what_comes_is_shown(tmp_path:
     assert 0 < n_before < N_FRAMES // 10
     screen = Screen()
     show_run(RunFollower(growing), screen, GrowsAtFirstWait(growing, data[len(data) // 2 :]))
-    status = screen.sent[STATUS][-1]
+    status = screen.statuses[-1]
     assert (status["state"], status["alarms"], status["last_alarm"]) == ("RUNNING", 1, "links are slow")
     assert status["cycles_completed"] == N_FRAMES // 10
     assert len(screen.forwarded[CYCLE]) == N_FRAMES // 10 - n_before
@@ -83,5 +83,5 @@ def test_markers_of_which_no_cable_can_be_made_are_shown_with_the_reason(tmp_pat
     growing = tmp_path / "b.mcap.active"
     screen = Screen()
     show_run(RunFollower(growing), screen, GrowsAtFirstWait(growing, finished.read_bytes()))
-    assert "No static marker was found" in screen.sent[STATUS][-1]["cable"]
+    assert "No static marker was found" in screen.statuses[-1]["cable"]
     assert len(screen.forwarded[POINTS]) > 0

@@ -13,13 +13,14 @@ from foxglove.messages import Color, LinePrimitive, Point3, SceneEntity, SceneUp
 
 from bench.errors import ConnectError
 from bench.recording import CYCLE, LOG, POINTS, STATE, TOPICS, encode, load_schema
+from bench.report.derived import CURVATURE, CURVATURE_SCHEMA, LINE
 
-__all__ = ["CURVATURE", "FORWARDED", "LINE", "STATUS", "LiveServer"]
+__all__ = ["FORWARDED", "LiveServer"]
 
 FORWARDED = (POINTS, CYCLE, STATE, LOG)
 """Topics that are served as they stand in the run file."""
-STATUS, CURVATURE, LINE = "/live/status", "/cable/curvature", "/cable/line"
-_MADE = {STATUS: "bench_msgs/msg/LiveStatus", CURVATURE: "bench_msgs/msg/CableCurvature"}
+STATUS = "/live/status"
+_MADE = {STATUS: "bench_msgs/msg/LiveStatus", CURVATURE: CURVATURE_SCHEMA}
 _LINE_PIXELS = 4.0
 _BACKLOG = 256
 """Messages that wait for a slow client, some 5 s of them; then its oldest are left out."""
@@ -58,12 +59,12 @@ class LiveServer:
         return foxglove.Channel(topic, message_encoding="cdr", schema=schema, context=self._context)
 
     def forward(self, topic: str, payload: bytes, host_ns: int) -> None:
-        """Send a message of the run file as it is."""
+        """Send a message that is encoded already: of the run file as it is, or one of the cable's curvature."""
         self._channels[topic].log(payload, log_time=host_ns)
 
-    def send(self, topic: str, values: Mapping[str, Any], host_ns: int) -> None:
-        """Send the live view's own message."""
-        self.forward(topic, encode(load_schema(_MADE[topic]), values), host_ns)
+    def show_status(self, values: Mapping[str, Any], host_ns: int) -> None:
+        """Send where the run stands, the fields of ``bench_msgs/msg/LiveStatus``."""
+        self.forward(STATUS, encode(load_schema(_MADE[STATUS]), values), host_ns)
 
     def draw_line(self, line_m: Floats, of_limit: Iterable[float], host_ns: int) -> None:
         """Draw the cable (g, 3), green where straight and red where `of_limit` (g,) reaches 1, its curvature limit."""

@@ -13,9 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.live.cable import LiveCable, TracedFrame
-from bench.live.server import CURVATURE, FORWARDED, STATUS, LiveServer
+from bench.live.server import FORWARDED, LiveServer
 from bench.live.status import LiveStatus
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, STATE, STATS, Message, Run, RunFollower
+from bench.report.derived import CURVATURE, encode_curvature
 from bench.timing import RunClock, patience_ns
 
 __all__ = ["show_run"]
@@ -85,7 +86,7 @@ class _View:
         for host_ns, send in pictures:
             self._wait_until(host_ns, speed)
             send()
-        self._server.send(STATUS, self._status.values(self._cable.problem), self._status.host_ns)
+        self._server.show_status(self._status.values(self._cable.problem), self._status.host_ns)
 
     def _messages(self, part: Run, rows: npt.NDArray[np.int64]) -> Iterator[Timed]:
         shown = set(part[FRAME].log_time_ns[rows].tolist())
@@ -103,18 +104,9 @@ class _View:
 
     def _draw(self, frame: TracedFrame, limit_m: float) -> None:
         self._server.draw_line(frame.line_m, (frame.line_curvature_per_m * limit_m).tolist(), frame.arrival_ns)
-        largest = float(np.nanmax(frame.curvature_per_m))
-        values = {
-            "capture_ns": frame.capture_ns,
-            "frame_number": frame.frame_number,
-            "max_curvature_per_m": largest,
-            "min_bend_radius_mm": 1e3 / largest if largest > 0 else float("inf"),
-            "confidence": frame.confidence,
-            "arc_length_m": frame.arc_length_m.tolist(),
-            "curvature_per_m": frame.curvature_per_m.tolist(),
-            "sigma_per_m": frame.sigma_per_m.tolist(),
-        }
-        self._server.send(CURVATURE, values, frame.arrival_ns)
+        curve = frame.arc_length_m, frame.curvature_per_m, frame.sigma_per_m
+        payload = encode_curvature(frame.capture_ns, frame.frame_number, frame.confidence, *curve)
+        self._server.forward(CURVATURE, payload, frame.arrival_ns)
 
     def _wait_until(self, host_ns: int, speed: float) -> None:
         """Wait as long as it took in the run; a view that is late waits for nothing."""

@@ -4,6 +4,7 @@ from bench.recording.cdr import encode
 from bench.recording.columns import Columns
 from bench.recording.following import RunFollower
 from bench.recording.output import rename_new
+from bench.recording.pointcloud import encode_cloud, split_stamp
 from bench.recording.reader import Run, RunStatus, open_run
 from bench.recording.schemas import Schema, load_schema
 from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, TOPICS, Message
@@ -28,7 +29,9 @@ __all__ = [
     "RunWriter",
     "Schema",
     "encode",
+    "encode_cloud",
     "load_schema",
     "open_run",
     "rename_new",
+    "split_stamp",
 ]
