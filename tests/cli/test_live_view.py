@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import re
+import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -13,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 from bench_command import bench, one_sentence, simulated_file, start_bench
 from live_client import LiveClient, stalled_client
@@ -90,8 +93,6 @@ def test_state_changes_and_cycle_events_arrive_whole(watched: Watched) -> None:
 
 def test_the_curvature_is_the_reports_own(watched: Watched, tmp_path: Path) -> None:
     assert bench("report", watched.run.path, "--output", tmp_path / "a", "--mcap").returncode == 0
-    import pyarrow.parquet as pq
-
     table = pq.read_table(tmp_path / "a" / "curvature.parquet").to_pydict()
     report = dict(zip(table["frame_number"], table["curvature_per_m"], strict=True))
     with (tmp_path / "a" / "derived.mcap").open("rb") as stream:
@@ -117,8 +118,6 @@ def test_every_other_channel_says_its_schema_as_the_run_file_does(watched: Watch
 
 
 def test_a_port_that_is_taken_ends_the_run_before_it_begins(tmp_path: Path) -> None:
-    import socket
-
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
@@ -139,6 +138,31 @@ def test_without_the_library_one_sentence_says_what_to_install(tmp_path: Path) -
     environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
     live = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False, env=environment)
     assert "pip install 'cable-bench[live]'" in one_sentence(live, 2)
+
+
+def test_the_view_ends_when_the_bench_that_started_it_is_gone(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bench", "live", str(tmp_path / "a.mcap"), "--until-stdin-closes", "--port", "0"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as view:
+        assert view.stdin is not None
+        assert view.stdout is not None
+        assert view.stdout.readline().startswith(b"ready live ws://127.0.0.1:")
+        view.stdin.close()
+        assert view.wait(60) == 0
+
+
+def test_ctrl_c_ends_the_view_of_a_run_that_goes_on(tmp_path: Path) -> None:
+    active = tmp_path / "a.mcap.active"
+    active.touch()
+    with start_bench("live", active, "--port", "0") as view:
+        assert view.stdout is not None
+        view.stdout.readline()
+        view.send_signal(signal.SIGINT)
+        assert view.wait(60) == 0
+
+
+def test_what_is_no_recording_is_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.active").write_text("a letter")
+    assert "is not an MCAP file" in one_sentence(bench("live", tmp_path / "a.mcap.active", "--port", "0"), 5)
 
 
 def test_a_finished_run_is_not_followed(watched: Watched) -> None:

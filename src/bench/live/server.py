@@ -49,7 +49,7 @@ class LiveServer:
         except (RuntimeError, OSError, ValueError) as error:
             raise ConnectError(
                 f"The live view cannot be served on {host}:{port}: {error}.",
-                hint="Another bench or viewer may serve there: choose --live-port, or --live-host of this machine.",
+                hint="Another bench may be served there: choose another port, or an address of this machine.",
             ) from error
         self.url = f"ws://{f'[{host}]' if ':' in host else host}:{self._server.port}"
         """Where a viewer connects."""

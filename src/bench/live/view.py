@@ -79,7 +79,7 @@ class _View:
         self._status.read_words(part)
         self._status.read_counts(part)
         self._cable.notice(part)
-        speed = float(part.metadata["bench.run"].get("clock_speed", "1"))
+        speed = float(part.metadata.get("bench.run", {}).get("clock_speed", "1"))
         rows = _thin(part[FRAME].log_time_ns, round(speed * 1e9 / PICTURES_PER_S))
         cable = list(self._cable.trace(part, rows))
         pictures = heapq.merge(self._messages(part, rows), self._cables(part, cable), key=itemgetter(0))

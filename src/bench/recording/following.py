@@ -7,6 +7,7 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 
+from bench.errors import RecordingError
 from bench.recording.container import MAGIC, Chunk, Container, scan_further
 from bench.recording.loading import opened
 from bench.recording.output import active_path
@@ -46,17 +47,23 @@ class RunFollower:
         Raises
         ------
         RecordingError
-            The file cannot be read.
+            The file cannot be read, or is none of ours.
         """
         if not self._has_begun and not self._active.exists():
             return None
         with opened(self._active) as descriptor:
-            self._has_begun = self._has_begun or os.pread(descriptor, len(MAGIC), 0) == MAGIC
+            self._has_begun = self._has_begun or self._begins(descriptor)
             if self._has_begun:
                 scan_further(descriptor, self._found)
         added, self._found.chunks = self._found.chunks, []
         self._recent.extend(added)
         return self._run_of(added) if added else None
+
+    def _begins(self, descriptor: int) -> bool:
+        first = os.pread(descriptor, len(MAGIC), 0)
+        if first != MAGIC[: len(first)]:
+            raise RecordingError(f"{self._active} is not an MCAP file.")
+        return first == MAGIC
 
     def recent(self) -> Run:
         """Return the newest chunks that were read, at most `RECENT_CHUNKS`, as a run of their own."""
