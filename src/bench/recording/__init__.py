@@ -6,7 +6,7 @@ from bench.recording.following import RunFollower
 from bench.recording.output import rename_new
 from bench.recording.pointcloud import encode_cloud, split_stamp
 from bench.recording.reader import Run, RunStatus, open_run
-from bench.recording.schemas import Schema, load_schema
+from bench.recording.schemas import load_schema
 from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, TOPICS, Message
 from bench.recording.writer import RunWriter
 
@@ -27,7 +27,6 @@ __all__ = [
     "RunFollower",
     "RunStatus",
     "RunWriter",
-    "Schema",
     "encode",
     "encode_cloud",
     "load_schema",
