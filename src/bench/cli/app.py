@@ -14,6 +14,7 @@ from bench.cli.config import config_app
 from bench.cli.export import export
 from bench.cli.import_ import import_
 from bench.cli.info import info
+from bench.cli.live import live
 from bench.cli.report import report
 from bench.cli.run import run
 from bench.cli.salvage import salvage
@@ -38,6 +39,7 @@ app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("salvage")(salvage)
+app.command("live")(live)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
 

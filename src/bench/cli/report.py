@@ -43,6 +43,9 @@ def report(
             "from the recording.",
         ),
     ] = None,
+    mcap: Annotated[
+        bool, typer.Option("--mcap", help="Also write derived.mcap: sorted markers, line and curvature, for viewers.")
+    ] = False,
 ) -> None:
     """Analyse run files: sorted markers, curvature and bend radius per cycle, tables and report.html.
 
@@ -53,10 +56,10 @@ def report(
     settings = load_config(config) if config else None
     folders = _output_folders(runs, output)
     for folder in folders:
-        _verify_free(folder)
+        _verify_free(folder, mcap=mcap)
     if len(runs) == 1:
-        raise typer.Exit(_report_one(runs[0], folders[0], settings))
-    codes = [_report_or_say(run, folder, settings) for run, folder in zip(runs, folders, strict=True)]
+        raise typer.Exit(_report_one(runs[0], folders[0], settings, mcap=mcap))
+    codes = [_report_or_say(run, folder, settings, mcap=mcap) for run, folder in zip(runs, folders, strict=True)]
     raise typer.Exit(max(codes))
 
 
@@ -83,27 +86,29 @@ def name_without_suffix(run: Path) -> str:
     return stem if stem and stem != run.name else f"{run.name}-report"
 
 
-def _verify_free(folder: Path) -> None:
+def _verify_free(folder: Path, *, mcap: bool) -> None:
     if folder.exists() and not folder.is_dir():
         raise RecordingExistsError(f"{folder} is a file, not a folder.", hint="Choose another --output.")
+    from bench.report.derived import DERIVED_NAME
     from bench.report.html import REPORT_NAME
     from bench.report.tables import TABLE_FILES, verify_folder_is_free
 
-    verify_folder_is_free(folder, (REPORT_NAME, *TABLE_FILES))
+    verify_folder_is_free(folder, (REPORT_NAME, *TABLE_FILES, *([DERIVED_NAME] if mcap else [])))
 
 
-def _report_or_say(run: Path, folder: Path, settings: Config | None) -> int:
+def _report_or_say(run: Path, folder: Path, settings: Config | None, *, mcap: bool) -> int:
     """Report one of several runs: what is wrong with it must not keep the others from being reported."""
     try:
-        return _report_one(run, folder, settings)
+        return _report_one(run, folder, settings, mcap=mcap)
     except BenchError as error:
         print(f"error: {run}: {error}", file=sys.stderr)
         return error.exit_code
 
 
-def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
+def _report_one(path: Path, folder: Path, settings: Config | None, *, mcap: bool) -> int:
     # The figures' and the tables' libraries take half a second to load, which `bench --help` does not spend.
     from bench.recording import open_run
+    from bench.report.derived import write_derived
     from bench.report.html import write_report
     from bench.report.pipeline import analyse_run
     from bench.report.tables import write_tables
@@ -113,6 +118,8 @@ def _report_one(path: Path, folder: Path, settings: Config | None) -> int:
     results = analyse_run(run, settings_used, run_path=path.name)
     folder.mkdir(parents=True, exist_ok=True)
     write_tables(results, folder)
+    if mcap:
+        write_derived(results, folder)
     page = write_report(results, folder)
     _print_summary(results, page)
     return EXIT_CODES[results.outcome]

@@ -44,6 +44,15 @@ def run(
             "--resume", help="Go on with the interrupted run of this file, in a new one; --cycles is the total."
         ),
     ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve the run to Lichtblick or Foxglove, from a process of its own.")
+    ] = False,
+    live_host: Annotated[
+        str, typer.Option("--live-host", help="Address of the live view; others than loopback are open to all.")
+    ] = "127.0.0.1",
+    live_port: Annotated[
+        int, typer.Option("--live-port", min=0, max=65535, help="TCP port of the live view; 0 is any free one.")
+    ] = 8765,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen; touch nothing.")] = False,
 ) -> None:
     """Preflight, drive N cycles, record, stop. Ctrl-C once: stop after this cycle. Twice: abort now."""
@@ -53,10 +62,11 @@ def run(
     settings = origin.config if origin and config is None else config_or_simulated(config)
     from rich.console import Console
 
-    from bench.run import RunOptions, RunView, describe_plan
+    from bench.run import LiveAddress, RunOptions, RunView, describe_plan
     from bench.run import run as run_bench
 
-    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth, origin=origin)
+    address = LiveAddress(live_host, live_port) if live else None
+    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth, origin=origin, live=address)
     if dry_run:
         if origin is not None:
             verify_origin(origin, settings, cycles)

@@ -1,10 +1,14 @@
 """The run file: written while the test runs, read as numpy columns afterwards."""
 
+from bench.recording.cdr import encode
 from bench.recording.columns import Columns
+from bench.recording.following import RunFollower
 from bench.recording.output import rename_new
+from bench.recording.pointcloud import encode_cloud, split_stamp
 from bench.recording.reader import Run, RunStatus, open_run
 from bench.recording.salvage import Salvaged, salvage_copy, salvage_in_place
-from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS
+from bench.recording.schemas import load_schema
+from bench.recording.topics import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, TOPICS, Message
 from bench.recording.writer import RunWriter
 
 __all__ = [
@@ -17,13 +21,20 @@ __all__ = [
     "ROBOT",
     "STATE",
     "STATS",
+    "TOPICS",
     "Columns",
+    "Message",
     "Run",
+    "RunFollower",
     "RunStatus",
     "RunWriter",
     "Salvaged",
+    "encode",
+    "encode_cloud",
+    "load_schema",
     "open_run",
     "rename_new",
     "salvage_copy",
     "salvage_in_place",
+    "split_stamp",
 ]

@@ -17,7 +17,7 @@ from bench.recording.container import DamagedError, Offsets
 from bench.recording.pointcloud import CLOUD_SCHEMA, CLOUD_TAIL_SIZE, POINT, read_points, verify_cloud
 from bench.recording.schemas import PRIMITIVES, Schema
 
-__all__ = ["HEAD_COLUMNS", "Collector", "Columns", "make_collector"]
+__all__ = ["HEAD_COLUMNS", "Collector", "Columns", "make_collector", "read_message"]
 
 Array = npt.NDArray[Any]
 
@@ -95,6 +95,13 @@ def make_collector(schema: Schema, capacity: int) -> Collector:
     if all(field.type in PRIMITIVES and field.length != -1 for field in fields):
         return _FixedCollector(schema, capacity)
     return _TextCollector(schema)
+
+
+def read_message(data: bytes, offset: int) -> tuple[int, int, int, bytes]:
+    """Return log time, publish time, sequence and payload of the message at `offset`; `DamagedError` if none is."""
+    head = _gather_heads(data, np.array([offset]))[0]
+    times = int(head["log_time_ns"]), int(head["publish_time_ns"])
+    return *times, int(head["sequence"]), _payload(data, offset, int(head["length"]))
 
 
 class _FixedCollector:

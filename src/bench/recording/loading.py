@@ -13,22 +13,25 @@ import numpy as np
 
 from bench.errors import RecordingError
 from bench.recording.cdr import CdrError
-from bench.recording.columns import HEAD_COLUMNS, Array, Collector, Columns, make_collector
+from bench.recording.columns import HEAD_COLUMNS, Array, Collector, Columns, make_collector, read_message
 from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk, read_chunk, read_offsets
 from bench.recording.output import active_path
 from bench.recording.schemas import Schema, load_schema, parse_schema
-from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS
+from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
 
-__all__ = ["Span", "opened", "read_topics", "split_spans"]
+__all__ = ["Span", "opened", "read_messages", "read_topics", "split_spans"]
 
 _log = logging.getLogger(__name__)
 
 
 @contextmanager
 def opened(path: Path) -> Iterator[int]:
-    """Open a file for reading; `RecordingError` says why it cannot be."""
+    """Open a file for reading; `RecordingError` says why it cannot be.
+
+    A recording that its recorder has closed meanwhile is opened by its final name.
+    """
     try:
-        descriptor = os.open(path, os.O_RDONLY)
+        descriptor = _open(path)
     except OSError as error:
         hint = ""
         if active_path(path).exists():
@@ -65,6 +68,16 @@ def split_spans(container: Container, unpacked_bytes: int) -> Iterator[Span]:
             start_ns, size = chunk.start_ns, 0
         size += chunk.unpacked_size
     yield Span(start_ns)
+
+
+def _open(path: Path) -> int:
+    try:
+        return os.open(path, os.O_RDONLY)
+    except FileNotFoundError:
+        final = path.with_suffix("")
+        if path != active_path(final) or not final.exists():
+            raise
+        return os.open(final, os.O_RDONLY)
 
 
 def read_topics(
@@ -151,6 +164,26 @@ def _trim(topic: str, arrays: dict[str, Array], span: Span) -> dict[str, Array]:
         if name != "offsets"
     }
     return trimmed | {"offsets": np.concatenate([[0], np.cumsum(n_points[kept])])}
+
+
+def read_messages(path: Path, container: Container, topics: Iterable[str]) -> list[Message]:
+    """Read the messages of `topics` as they stand in the file, and in its order; damaged chunks are left out."""
+    names = {key: channel.topic for key, channel in container.channels.items() if channel.topic in set(topics)}
+    messages: list[Message] = []
+    with opened(path) as descriptor:
+        for chunk in container.chunks:
+            try:
+                messages.extend(_messages_of(descriptor, chunk, names))
+            except DamagedError as error:
+                _log.warning("damaged chunk at byte %d: %s", chunk.offset, error)
+    return messages
+
+
+def _messages_of(descriptor: int, chunk: Chunk, names: Mapping[int, str]) -> list[Message]:
+    data = read_chunk(descriptor, chunk)
+    channels = read_offsets(descriptor, chunk, data).items()
+    places = sorted((offset, names[key]) for key, offsets in channels if key in names for offset in offsets.tolist())
+    return [Message(topic, *read_message(data, offset)) for offset, topic in places]
 
 
 def _put_together(path: Path, arrays: dict[str, dict[str, Array]], frames: Columns | None) -> dict[str, Columns]:

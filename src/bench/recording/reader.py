@@ -19,9 +19,9 @@ from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
 from bench.recording.container import Container, DamagedError
-from bench.recording.loading import Span, opened, read_topics, split_spans
+from bench.recording.loading import Span, opened, read_messages, read_topics, split_spans
 from bench.recording.scanning import scan_container
-from bench.recording.topics import BODIES, FRAME, POINTS, STATS
+from bench.recording.topics import BODIES, FRAME, POINTS, STATS, Message
 
 __all__ = ["Run", "RunStatus", "open_run"]
 
@@ -245,6 +245,13 @@ class Run:
         wanted = list(topics)
         for start_ns, end_ns in split_spans(self._container, part_bytes):
             yield self.read(wanted, start_ns, end_ns)
+
+    def messages(self, topics: Iterable[str]) -> list[Message]:
+        """Return the messages of several topics as they stand in the file, undecoded and in its order.
+
+        Meant for parts of a file: all of them are in memory at once. Damaged chunks are left out.
+        """
+        return read_messages(self.path, self._container, topics)
 
 
 def _drop_broken_notes(container: Container) -> None:

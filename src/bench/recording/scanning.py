@@ -38,7 +38,7 @@ from bench.recording.container import (
     walk_records,
 )
 
-__all__ = ["scan_container"]
+__all__ = ["scan_container", "scan_further"]
 
 MOST_NOTES = 100_000
 """Records outside of chunks; a run file has some twenty."""
@@ -61,12 +61,21 @@ def scan_container(descriptor: int) -> Container:
     DamagedError
         The file does not begin as an MCAP file does.
     """
-    found = Container(size=os.fstat(descriptor).st_size)
+    found = Container(size=os.fstat(descriptor).st_size, end=len(MAGIC))
     if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
         if _find_chunk(descriptor, len(MAGIC), min(found.size, SEARCH_BYTES)) is None:
             raise DamagedError("is not an MCAP file")
         found.note_damage(0, "the opening bytes are wrong")
-    offset = len(MAGIC)
+    scan_further(descriptor, found)
+    return found
+
+
+def scan_further(descriptor: int, found: Container) -> None:
+    """Go on where an earlier pass over the same file ended, for it has grown since: note what was added."""
+    if found.finished:
+        return
+    found.size, found.problem = os.fstat(descriptor).st_size, ""
+    n_known, offset = len(found.chunks), found.end
     while not found.finished:
         try:
             length = _scan_record(descriptor, offset, found)
@@ -82,12 +91,12 @@ def scan_container(descriptor: int) -> Container:
     if found.finished and os.pread(descriptor, len(MAGIC), offset) != MAGIC:
         found.finished, found.problem = False, f"the closing bytes are missing at byte {offset}"
     found.end = offset + (len(MAGIC) if found.finished else 0)
-    if not found.finished and found.chunks:
+    if not found.finished and len(found.chunks) > n_known:
         # the cut may have taken a part of the last chunk's index
         found.chunks[-1].index.clear()
         found.chunks[-1].counts.clear()
-    found.chunks = [chunk for chunk in found.chunks if _is_understood(descriptor, chunk, found)]
-    return found
+        found.current = None
+    found.chunks[n_known:] = [chunk for chunk in found.chunks[n_known:] if _is_understood(descriptor, chunk, found)]
 
 
 def _scan_record(descriptor: int, offset: int, found: Container) -> int:

@@ -1,5 +1,6 @@
 """Drives the bench and records it: preflight, cycles, closing; and the import of takes into the same recording."""
 
+from bench.run.live_process import LiveAddress
 from bench.run.plan import describe_plan
 from bench.run.preflight import verify_items
 from bench.run.resume import Origin, read_origin, verify_origin
@@ -10,6 +11,7 @@ from bench.run.view import RunView
 from bench.run.watch import watch_robot
 
 __all__ = [
+    "LiveAddress",
     "Origin",
     "RunOptions",
     "RunSummary",

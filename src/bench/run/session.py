@@ -21,6 +21,7 @@ from bench.run.holding import Holding
 from bench.run.inbox import Fault, Inbox, QueueInbox
 from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
+from bench.run.live_process import LiveAddress, LiveProcess
 from bench.run.preflight import check_bench, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.resume import RESUMED, Origin, hash_test, verify_origin
@@ -48,6 +49,8 @@ class RunOptions:
     truth: Path | None = None
     origin: Origin | None = None
     """The run that is gone on with; `n_cycles` is the total of both."""
+    live: LiveAddress | None = None
+    """Where the live view is served; None: it is not."""
 
     @property
     def n_before(self) -> int:
@@ -97,6 +100,8 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
         verify_origin(options.origin, config, options.n_cycles)
     path = options.output or _default_path(config, clock)
     with Closing() as closing:
+        if options.live is not None:
+            _start_live(path, options.live, closing, view)
         session = _Session(config, options, path, clock, view, closing)
         session.run()
     return session.summarise()
@@ -310,6 +315,13 @@ def _start_clock(config: Config, speed: float) -> RunClock:
             hint="Leave --speed out, or use a configuration with a [simulation] table.",
         )
     return RunClock.start(speed)
+
+
+def _start_live(path: Path, address: LiveAddress, closing: Closing, view: RunView) -> None:
+    """Start the live view before the run file is there, so that it is closed after it."""
+    process = LiveProcess(path, address)
+    closing.add("the live view", process.close, limit_s=60.0)
+    view.say(process.start())
 
 
 def _start_simulator(

@@ -5,17 +5,15 @@ The child reads its standard input and ends when that closes: a parent that is k
 
 from __future__ import annotations
 
-import contextlib
-import selectors
 import socket
 import subprocess
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 from bench.config import Config, RobotConfig, to_toml
 from bench.errors import ConfigError, ConnectError, LinkLostError
+from bench.run.child import end_child, read_ready_lines
 from bench.timing import RunClock
 
 __all__ = ["SimulatorProcess", "with_free_addresses"]
@@ -65,27 +63,12 @@ class SimulatorProcess:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=stderr, start_new_session=True
             )
-        lines = self._read_ready_lines()
+        lines = read_ready_lines(self._process, 2, READY_WITHIN_S)
         if len(lines) < 2:
             said = (folder / "stderr").read_text(encoding="utf-8", errors="replace").strip()
             self.close()
             raise ConnectError(f"The simulated bench did not start: {said or 'it said nothing'}")
         return lines
-
-    def _read_ready_lines(self) -> list[str]:
-        process = self._process
-        if process is None or process.stdout is None:
-            return []
-        received, deadline = b"", time.monotonic() + READY_WITHIN_S
-        with selectors.DefaultSelector() as selector:
-            selector.register(process.stdout, selectors.EVENT_READ)
-            while received.count(b"\n") < 2 and (left := deadline - time.monotonic()) > 0:
-                if selector.select(left):
-                    piece = process.stdout.read1(4096)  # type: ignore[attr-defined]  # a BufferedReader
-                    if not piece:
-                        break
-                    received += piece
-        return [line for line in received.decode("utf-8", "replace").splitlines() if line.startswith("ready ")]
 
     def verify_alive(self) -> None:
         """Raise `LinkLostError` if the child has ended by itself: nobody will start it again."""
@@ -99,23 +82,10 @@ class SimulatorProcess:
         """End the child: its input closes, and it is killed if that does not end it. May be called twice."""
         process, self._process = self._process, None
         if process is not None:
-            _end(process)
+            end_child(process, ENDS_WITHIN_S)
         folder, self._folder = self._folder, None
         if folder is not None:
             folder.cleanup()
-
-
-def _end(process: subprocess.Popen[bytes]) -> None:
-    with contextlib.suppress(BrokenPipeError):
-        if process.stdin is not None:
-            process.stdin.close()
-    try:
-        process.wait(ENDS_WITHIN_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
-    if process.stdout is not None:
-        process.stdout.close()
 
 
 def with_free_addresses(config: Config) -> Config:

@@ -1,0 +1,74 @@
+"""A run file while it is being written: what its recorder has added, chunk by chunk. The file is only read."""
+
+from __future__ import annotations
+
+import os
+from collections import deque
+from dataclasses import replace
+from pathlib import Path
+
+from bench.errors import RecordingError
+from bench.recording.container import MAGIC, Chunk, Container
+from bench.recording.loading import opened
+from bench.recording.output import active_path
+from bench.recording.reader import Run
+from bench.recording.scanning import scan_further
+
+__all__ = ["RunFollower"]
+
+RECENT_CHUNKS = 30
+"""Half a minute: the recorder ends a chunk each second."""
+
+
+class RunFollower:
+    """Reads what a recorder adds to a run file, from where it left off.
+
+    Nothing is locked and no file stays open. The name that the recorder gives the file at its end is followed.
+
+    Parameters
+    ----------
+    path : Path
+        The run file's final name, or ``x.mcap.active``. It need not be there yet.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._active = path if path.suffix == ".active" else active_path(path)
+        self._found = Container(size=0, end=len(MAGIC))
+        self._recent: deque[Chunk] = deque(maxlen=RECENT_CHUNKS)
+        self._has_begun = False
+
+    @property
+    def is_finished(self) -> bool:
+        """The recorder has closed the file, and all of it was read."""
+        return self._found.finished
+
+    def read(self) -> Run | None:
+        """Return what was added since the last call, as a run of its own; None if nothing was.
+
+        Raises
+        ------
+        RecordingError
+            The file cannot be read, or is none of ours.
+        """
+        if not self._has_begun and not self._active.exists():
+            return None
+        with opened(self._active) as descriptor:
+            self._has_begun = self._has_begun or self._begins(descriptor)
+            if self._has_begun:
+                scan_further(descriptor, self._found)
+        added, self._found.chunks = self._found.chunks, []
+        self._recent.extend(added)
+        return self._run_of(added) if added else None
+
+    def _begins(self, descriptor: int) -> bool:
+        first = os.pread(descriptor, len(MAGIC), 0)
+        if first != MAGIC[: len(first)]:
+            raise RecordingError(f"{self._active} is not an MCAP file.")
+        return first == MAGIC
+
+    def recent(self) -> Run:
+        """Return the newest chunks that were read, at most `RECENT_CHUNKS`, as a run of their own."""
+        return self._run_of(list(self._recent))
+
+    def _run_of(self, chunks: list[Chunk]) -> Run:
+        return Run(self._active, replace(self._found, chunks=chunks))
