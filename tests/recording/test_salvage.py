@@ -160,7 +160,7 @@ def test_a_recording_that_lost_its_summary_only_is_complete_again(
     recording: bytes, tmp_path: Path, salvage: Callable[[Path, bytes], Salvaged]
 ) -> None:
     data_end = next(end for opcode, _, end in _records(recording) if opcode == 15)
-    for cut in (data_end - 13, data_end, data_end + 700, len(recording) - 1):
+    for cut in (data_end - 13, data_end - 5, data_end, data_end + 700, len(recording) - 1):
         salvaged = salvage(tmp_path, recording[:cut])
         assert (salvaged.lost, salvaged.is_closed) == ((), True)
         run = open_run(salvaged.path)

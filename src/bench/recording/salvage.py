@@ -49,6 +49,7 @@ from bench.recording.topics import TOPICS
 __all__ = ["Salvaged", "salvage_copy", "salvage_in_place"]
 
 _HEADER = 1
+DATA_END_SIZE = HEAD.size + 4
 LARGEST_HEADER = 4096
 """Bytes of the file's header record: two short names."""
 
@@ -196,8 +197,10 @@ def _read_note(descriptor: int, note: Note) -> records.Metadata | records.Attach
 
 def _describe_rest(container: Container) -> list[str]:
     n_bytes = container.size - container.end
-    if container.finished or container.data_ended or not n_bytes:
-        return []  # a summary that was cut off can be made again
+    # a summary that was cut off can be made again; what follows a run's end is the record that begins it
+    in_summary = container.data_ended or ("bench.end" in container.metadata and n_bytes < DATA_END_SIZE)
+    if container.finished or in_summary or not n_bytes:
+        return []
     return [f"{n_bytes} bytes from byte {container.end} on: {container.problem}"]
 
 
