@@ -151,7 +151,7 @@ class _CloudCollector:
         self._prefix: _Prefix | None = None
         self._heads: list[Array] = []
         self._widths: list[Array] = []
-        self._points: list[Array] = []
+        self._points = {name: [array] for name, array in _split_points(np.empty(0, POINT)).items()}
 
     def take(self, data: bytes, offsets: Offsets) -> None:
         heads = _gather_heads(data, offsets)
@@ -161,7 +161,8 @@ class _CloudCollector:
             widths, points = self._take_each(data, offsets, heads)
         self._heads.append(heads)
         self._widths.append(widths)
-        self._points.append(points)
+        for name, array in _split_points(points).items():
+            self._points[name].append(array)
 
     def _take_alike(self, data: bytes, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
         """Return numbers of points and points; `CdrError` if a message is not laid out as ours are."""
@@ -189,17 +190,19 @@ class _CloudCollector:
     def columns(self) -> dict[str, Array]:
         heads = np.concatenate([np.empty(0, MESSAGE_HEAD), *self._heads])
         widths = np.concatenate([np.empty(0, np.int64), *self._widths])
-        points = np.concatenate([np.empty(0, POINT), *self._points])
-        self._points.clear()
         offsets = np.zeros(len(widths) + 1, np.int64)
         np.cumsum(widths, out=offsets[1:])
-        return _head_columns(heads) | {
-            "points_m": points.view("<f4").reshape(len(points), POINT.itemsize // 4)[:, :3].copy(),
-            "residual_m": points["residual"].copy(),
-            "ids": points["id"].copy(),
-            "flags": points["flags"].copy(),
-            "offsets": offsets,
-        }
+        points = {name: np.concatenate(self._points.pop(name)) for name in list(self._points)}
+        return _head_columns(heads) | points | {"offsets": offsets}
+
+
+def _split_points(points: Array) -> dict[str, Array]:
+    return {
+        "points_m": points.view("<f4").reshape(len(points), POINT.itemsize // 4)[:, :3].copy(),
+        "residual_m": points["residual"].copy(),
+        "ids": points["id"].copy(),
+        "flags": points["flags"].copy(),
+    }
 
 
 class _Prefix:
