@@ -155,4 +155,4 @@ def test_points_with_other_fields_are_read_one_by_one(tmp_path: Path) -> None:
 def test_points_that_contradict_themselves_are_damage(tmp_path: Path, wrong: dict[str, Any]) -> None:
     run = write_frames(tmp_path / "run.mcap", [encode_other_cloud([1.0], "lab", **wrong)], [1])
     assert len(run[POINTS].ids) == 0
-    assert "2 messages in the chunk" in run.status.lost
+    assert "1 of /tracker/points, 1 of /tracker/frame" in run.status.lost
