@@ -31,7 +31,7 @@ def test_the_exit_code_says_whether_all_some_or_nothing_was_kept(
 ) -> None:
     bad = tmp_path / "bad.mcap.active"
     for cut, code, said in (
-        (len(recording), 0, "is complete: there was nothing to salvage."),
+        (len(recording), 0, "has its end and no damage: there was nothing to salvage."),
         (len(recording) - 5, 0, "bench report"),
         (200, 1, "could be kept"),
         (3, 1, "nothing in it can be kept"),

@@ -145,7 +145,7 @@ def test_a_recording_without_its_end_is_analysed_and_never_passes(tmp_path: Path
     results, _ = analyse(tmp_path, RunSpec(n_cycles=6, finish=False))
     assert results.exit_status == "unfinished"
     assert results.outcome is not Outcome.PASS
-    assert any("not finished" in warning for warning in results.warnings)
+    assert any("not finished" in warning and "about the last second" in warning for warning in results.warnings)
 
 
 def _without_points(_: int, values: dict[str, Any]) -> dict[str, Any]:

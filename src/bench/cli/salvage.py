@@ -54,7 +54,7 @@ def salvage(
 
 def _print_salvaged(salvaged: Salvaged, run: Path) -> None:
     if salvaged.was_complete:
-        print(f"{run} is complete: there was nothing to salvage.")
+        print(f"{run} has its end and no damage: there was nothing to salvage.")
     counts = ", ".join(f"{n} of {topic}" for topic, n in sorted(salvaged.topics.items()))
     print(f"{salvaged.path}: {sum(salvaged.topics.values())} messages: {counts}.")
     for text in salvaged.lost:

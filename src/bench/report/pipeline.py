@@ -196,7 +196,8 @@ def _warn_of_origin(account: CycleAccount) -> list[str]:
 def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str) -> list[str]:
     warnings = [str(text) for text in json.loads(run.metadata.get("bench.import", {}).get("warnings", "[]"))]
     if exit_status == UNFINISHED:
-        warnings.append(f"The recording was not finished: {run.status.text}.")
+        lost = f" Lost: {run.status.lost}." if run.status.lost else ""
+        warnings.append(f"The recording was not finished: {run.status.text}.{lost}")
     elif run.status.lost:
         warnings.append(f"The recording is damaged; lost: {run.status.lost}.")
     if len(frames) == 0:
