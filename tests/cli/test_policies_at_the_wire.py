@@ -130,6 +130,9 @@ def test_a_folder_that_is_moved_away_aborts_the_run_and_the_file_in_it_can_be_re
     assert code == 5, out + err
     assert f"{bench.run_file}.active cannot be written: No such file or directory" in err
     assert "Traceback" not in err
+    assert "was not stopped" not in out + err
+    journal = (tmp_path / "moved" / "a.mcap.journal").read_text()
+    assert [state for state in ("RUNNING", "ABORTING", "CLOSING") if f'"state": "{state}"' not in journal] == []
     done = cycles(open_run(tmp_path / "moved" / "a.mcap.active"), CycleEventKind.COMPLETED)
     assert done == list(range(len(done)))
     assert done
