@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -22,8 +23,10 @@ FORWARDED = (POINTS, CYCLE, STATE, LOG)
 STATUS = "/live/status"
 _MADE = {STATUS: "bench_msgs/msg/LiveStatus", CURVATURE: CURVATURE_SCHEMA}
 _LINE_PIXELS = 4.0
-_BACKLOG = 256
-"""Messages that wait for a slow client, some 5 s of them; then its oldest are left out."""
+_BACKLOG = 2048
+"""Messages that wait for a slow client, some 40 s and 2 MB of them; then its oldest are left out."""
+_LINGER_S = 0.5
+"""Machine time for the last messages to leave: the library drops what still waits when it is stopped."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -79,7 +82,8 @@ class LiveServer:
         self._line.log(SceneUpdate(entities=[entity]), log_time=host_ns)
 
     def close(self) -> None:
-        """Disconnect all clients."""
+        """Let what was sent last get out, then disconnect all clients."""
+        threading.Event().wait(_LINGER_S)
         self._server.stop()
 
 
