@@ -217,6 +217,8 @@ def test_a_damaged_index_is_made_anew(recording: bytes, tmp_path: Path) -> None:
         for at in (start, start + 9, start + 11, start + 15, start + 23, end - 2):
             damaged = bytearray(recording)
             damaged[at] ^= 0x84
+            (tmp_path / "run.mcap").write_bytes(bytes(damaged))
+            assert sum(open_run(tmp_path / "run.mcap").topics.values()) == sum(_count_by_chunk(recording))
             assert _read(_copy(tmp_path, bytes(damaged)).path) == _messages_of(recording, tmp_path)
 
 

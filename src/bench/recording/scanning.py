@@ -85,7 +85,8 @@ def scan_further(descriptor: int, found: Container) -> None:
                 found.problem = str(error)
                 break
             found.note_damage(offset, f"{next_chunk - offset} bytes from byte {offset} on: {error}")
-            found.current, offset = None, next_chunk
+            _distrust_index(found)
+            offset = next_chunk
         else:
             offset += HEAD.size + length
     if found.finished and os.pread(descriptor, len(MAGIC), offset) != MAGIC:
@@ -120,6 +121,8 @@ def _scan_record(descriptor: int, offset: int, found: Container) -> int:
         _note_record(descriptor, Note(opcode, offset, offset + HEAD.size + length), found)
     elif opcode == _FOOTER:
         _end_summary(descriptor, offset, head[HEAD.size :], found)
+    elif opcode >= _PRIVATE:
+        _distrust_index(found)  # it may be a part of the index whose kind is damaged
     found.data_ended |= opcode == _DATA_END
     return int(length)
 
@@ -199,13 +202,18 @@ def _note_index(head: bytes, body: int, length: int, found: Container) -> None:
         return
     channel, size = INDEX_HEAD.unpack_from(head)
     if size != length - INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
-        # a broken index is worth nothing, but the chunk can be walked without it
-        found.current.index.clear()
-        found.current.counts.clear()
-        found.current = None
+        _distrust_index(found)
         return
     found.current.index[channel] = (body + INDEX_HEAD.size, size // 16)
     found.current.counts[channel] = size // 16
+
+
+def _distrust_index(found: Container) -> None:
+    """Forget the index of the chunk before: it is read from the chunk itself instead."""
+    if found.current is not None:
+        found.current.index.clear()
+        found.current.counts.clear()
+        found.current = None
 
 
 def _read_note(descriptor: int, body: int, length: int) -> bytes:
@@ -248,8 +256,10 @@ def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
             if opcode in {SCHEMA, CHANNEL}:
                 _note_definition(opcode, chunk.offset, data[start:end], found)
         _adopt_promised_channels(found)
-        if not chunk.index:
-            chunk.counts = count_messages(data)
+        counts = count_messages(data)
+        if counts != chunk.counts:
+            chunk.index.clear()
+            chunk.counts = counts
     except DamagedError as error:
         found.note_damage(chunk.offset, f"{describe_chunk(chunk, found.channels)}: {error}")
         return False
