@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 
-__all__ = ["OutputFile", "active_path", "explain_os_error", "rename_new"]
+__all__ = ["OutputFile", "active_path", "explain_os_error", "explained", "rename_new"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -49,7 +49,7 @@ class OutputFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.active = active_path(path)
-        with _explained(path):
+        with explained(path):
             _make_folder(path)
             _verify_absent(path)
             _verify_absent(self.active)
@@ -89,7 +89,7 @@ class OutputFile:
         RecordingError
             The disk is gone.
         """
-        with _explained(self.active):
+        with explained(self.active):
             status = os.fstatvfs(self.stream.fileno())
         return status.f_bavail * status.f_frsize
 
@@ -159,7 +159,8 @@ def _taken(path: Path, hint: str) -> RecordingExistsError:
 
 
 @contextmanager
-def _explained(path: Path) -> Iterator[None]:
+def explained(path: Path) -> Iterator[None]:
+    """Raise what the system says about a file as an error of ours."""
     try:
         yield
     except OSError as error:

@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BytesIO
 from operator import attrgetter
@@ -40,7 +39,7 @@ from bench.recording.container import (
 )
 from bench.recording.ending import Ending, encode_records
 from bench.recording.loading import opened
-from bench.recording.output import OutputFile, explain_os_error, rename_new
+from bench.recording.output import OutputFile, explained, rename_new
 from bench.recording.reader import LAST_SECOND, SALVAGE
 from bench.recording.scanning import scan_container
 from bench.recording.schemas import load_schema
@@ -116,7 +115,7 @@ def salvage_in_place(path: Path) -> Salvaged:
             _verify_end_only(path, found)
             _finish(descriptor, path, found)
     if target != path:
-        with _explained(target):
+        with explained(target):
             rename_new(path, target)
     return _summarise(target, found)
 
@@ -208,7 +207,7 @@ def _write_copy(descriptor: int, found: _Found, file: OutputFile) -> None:
     schemas, channels = _define(found.container)
     opening = MAGIC + encode_records([_read_header(descriptor), *schemas, *channels])
     pieces = _encode_pieces(descriptor, found, Ending(schemas, channels), len(opening))
-    with _explained(file.path):
+    with explained(file.path):
         file.stream.write(opening)
         for piece in pieces:
             file.stream.write(piece)
@@ -231,7 +230,7 @@ def _verify_end_only(path: Path, found: _Found) -> None:
 def _finish(descriptor: int, path: Path, found: _Found) -> None:
     keep = found.chunks[-1].end
     end = b"".join(_encode_pieces(descriptor, found, Ending(*_define(found.container)), keep, keep))
-    with _explained(path), path.open("r+b") as stream:
+    with explained(path), path.open("r+b") as stream:
         if os.fstat(stream.fileno()).st_size != found.container.size:
             raise RecordingError(f"{path} has grown while it was read: something still writes it.")
         stream.truncate(keep)
@@ -325,11 +324,3 @@ def _summarise(path: Path, found: _Found) -> Salvaged:
             topic = found.container.channels[key].topic
             topics[topic] = topics.get(topic, 0) + n
     return Salvaged(path, topics, tuple(found.lost), _is_closed(found.container), found.was_complete)
-
-
-@contextmanager
-def _explained(path: Path) -> Iterator[None]:
-    try:
-        yield
-    except OSError as error:
-        raise explain_os_error(error, path) from error

@@ -8,6 +8,7 @@ from functools import partial
 import numpy as np
 
 from bench.simulation.device_clock import DeviceClock
+from bench.simulation.natnet.timing import TAIL_S
 from bench.simulation.network import ServerThread
 from bench.simulation.outbox import Outbox
 from bench.simulation.qualisys.packets import PacketType, encode, encode_components, encode_frame, encode_settings
@@ -20,7 +21,6 @@ __all__ = ["QualisysServer"]
 
 LATENCY_S = 0.006
 """From the exposure to the packet; the same order as measured on another tracker, for QTM's own is not published."""
-TAIL_S = 0.00017
 LONGEST_TAIL_S = 0.005
 CUT_OFF_S = 10.0
 """A client that does not read for so long is cut off."""
