@@ -16,11 +16,11 @@ import numpy.typing as npt
 from mcap.writer import CompressionType, Writer
 
 from bench.analysis import interpolate_curve
-from bench.errors import DiskFullError, RecordingError
 from bench.model import CycleEventKind, StampKind, TrackerFrame
 from bench.recording import CYCLE, TOPICS, Message, encode, encode_cloud, load_schema, split_stamp
 from bench.report.results import Results
 from bench.report.tables import write_then_rename
+from bench.report.writing import explain_write
 
 __all__ = ["CURVATURE", "CURVATURE_SCHEMA", "DERIVED_NAME", "LINE", "encode_curvature", "write_derived"]
 
@@ -52,11 +52,8 @@ def write_derived(results: Results, folder: Path) -> Path:
         The folder cannot be written.
     """
     path = folder / DERIVED_NAME
-    try:
+    with explain_write(f"{path} cannot be written"):
         write_then_rename(path, lambda partial: _write(results, partial))
-    except OSError as error:
-        kind = DiskFullError if error.errno == 28 else RecordingError
-        raise kind(f"{path} cannot be written: {error.strerror or error}.") from error
     return path
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -11,7 +10,7 @@ import numpy as np
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bench.errors import DiskFullError, RecordingError, RecordingExistsError
+from bench.errors import RecordingExistsError
 from bench.model import Severity
 from bench.report.figures import (
     bend_map_figure,
@@ -40,6 +39,7 @@ from bench.report.wording import (
     say_percent,
     say_utc,
 )
+from bench.report.writing import explain_write
 
 __all__ = ["ATTENTION_ROWS", "REPORT_NAME", "render_report", "write_report"]
 
@@ -86,17 +86,15 @@ def write_report(results: Results, folder: Path) -> Path:
     """
     page = render_report(results).encode("utf-8", errors="backslashreplace")
     path = folder / REPORT_NAME
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with path.open("xb") as file:
-            _write_or_remove(file, page, path)
-    except FileExistsError as error:
-        raise RecordingExistsError(
-            f"{path} exists already and is not overwritten.", hint="Choose another --output, or move it away."
-        ) from error
-    except OSError as error:
-        kind = DiskFullError if error.errno == errno.ENOSPC else RecordingError
-        raise kind(f"The report cannot be written to {path}: {error.strerror or error}.") from error
+    with explain_write(f"The report cannot be written to {path}"):
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            with path.open("xb") as file:
+                _write_or_remove(file, page, path)
+        except FileExistsError as error:
+            raise RecordingExistsError(
+                f"{path} exists already and is not overwritten.", hint="Choose another --output, or move it away."
+            ) from error
     return path
 
 

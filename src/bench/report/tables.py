@@ -15,11 +15,12 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.errors import DiskFullError, RecordingError, RecordingExistsError
+from bench.errors import RecordingExistsError
 from bench.model import Verdict
 from bench.recording import rename_new
 from bench.report.headline import find_tightest_bend
 from bench.report.results import Results
+from bench.report.writing import explain_write
 
 __all__ = [
     "TABLE_FILES",
@@ -75,14 +76,11 @@ def write_tables(results: Results, folder: Path) -> list[Path]:
     }
     if results.ends is not None:
         writers[ENDS_FILE] = lambda path: _write_frames(results, path, _ends)
-    try:
+    with explain_write(f"The tables cannot be written to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         verify_folder_is_free(folder)
         for name, write in writers.items():
             write_then_rename(folder / name, write)
-    except OSError as error:
-        kind = DiskFullError if error.errno == 28 else RecordingError
-        raise kind(f"The tables cannot be written to {folder}: {error.strerror or error}.") from error
     return [folder / name for name in writers]
 
 

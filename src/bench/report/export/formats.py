@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from errno import ENOSPC
-from os import strerror
 from pathlib import Path
 
-from bench.errors import DiskFullError, RecordingError, RecordingExistsError
+from bench.errors import RecordingExistsError
 from bench.recording import Run
 from bench.report.export.c3d_file import write_c3d
 from bench.report.export.kinds import ExportFormat
@@ -14,6 +12,7 @@ from bench.report.export.markers import collect_markers
 from bench.report.export.tables import write_csv, write_trc
 from bench.report.results import Results
 from bench.report.tables import write_markers, write_then_rename
+from bench.report.writing import explain_write, in_system_words
 
 __all__ = ["export_markers"]
 
@@ -38,13 +37,9 @@ def export_markers(run: Run, results: Results, kind: ExportFormat, path: Path) -
     """
     if path.exists():
         raise RecordingExistsError(f"{path} exists already and is not overwritten.", hint="Choose another --output.")
-    try:
+    with explain_write(f"{path} cannot be written", in_system_words):
         if kind is ExportFormat.PARQUET:
             write_then_rename(path, lambda partial: write_markers(results, partial))
         else:
             markers, write = collect_markers(run, results), _GRID_WRITERS[kind]
             write_then_rename(path, lambda partial: write(markers, partial))
-    except OSError as error:
-        failure = DiskFullError if error.errno == ENOSPC else RecordingError
-        why = strerror(error.errno).lower() if error.errno else str(error)
-        raise failure(f"{path} cannot be written: {why}.") from error

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from errno import ENOSPC
-from os import strerror
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +11,10 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from bench.errors import DiskFullError, RecordingError, RecordingExistsError
+from bench.errors import RecordingExistsError
 from bench.recording import BODIES, POINTS, Columns, Run
 from bench.report.tables import write_then_rename
+from bench.report.writing import explain_write, in_system_words
 
 __all__ = ["export_topics", "name_table"]
 
@@ -44,13 +43,9 @@ def export_topics(run: Run, topics: Iterable[str], folder: Path) -> dict[Path, i
     if taken := [str(path) for path in paths.values() if path.exists()]:
         raise RecordingExistsError(f"{', '.join(taken)}: not overwritten.", hint="Choose another --output.")
     first_parts = run.read(paths, 0, 0)
-    try:
+    with explain_write(f"{folder} cannot be written", in_system_words):
         folder.mkdir(parents=True, exist_ok=True)
         return {path: _export(run, topic, first_parts[topic], path) for topic, path in paths.items()}
-    except OSError as error:
-        failure = DiskFullError if error.errno == ENOSPC else RecordingError
-        why = strerror(error.errno).lower() if error.errno else str(error)
-        raise failure(f"{folder} cannot be written: {why}.") from error
 
 
 def name_table(topic: str) -> str:
