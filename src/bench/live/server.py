@@ -76,7 +76,7 @@ class LiveServer:
             thickness=_LINE_PIXELS,
             scale_invariant=True,
             points=[Point3(x=x, y=y, z=z) for x, y, z in line_m.tolist()],
-            colors=[_colour(part) for part in of_limit],
+            colors=[Color(r=red, g=1.0 - red, b=0.2, a=1.0) for red in of_limit],
         )
         entity = SceneEntity(timestamp=Timestamp(sec, nanosec), frame_id="lab", id="cable", lines=[line])
         self._line.log(SceneUpdate(entities=[entity]), log_time=host_ns)
@@ -85,8 +85,3 @@ class LiveServer:
         """Let what was sent last get out, then disconnect all clients."""
         threading.Event().wait(_LINGER_S)
         self._server.stop()
-
-
-def _colour(of_limit: float) -> Color:
-    red = min(max(of_limit, 0.0), 1.0) if np.isfinite(of_limit) else 0.0
-    return Color(r=red, g=1.0 - red, b=0.2, a=1.0)

@@ -16,7 +16,7 @@ from bench.live.cable import LiveCable, TracedFrame
 from bench.live.server import FORWARDED, LiveServer
 from bench.live.status import LiveStatus
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, STATE, STATS, Message, Run, RunFollower
-from bench.report.derived import CURVATURE, encode_curvature
+from bench.report.derived import CURVATURE, encode_curvature, share_of_limit
 from bench.timing import RunClock, patience_ns
 
 __all__ = ["show_run"]
@@ -103,7 +103,8 @@ class _View:
             yield frame.arrival_ns, partial(self._draw, frame, limit_m)
 
     def _draw(self, frame: TracedFrame, limit_m: float) -> None:
-        self._server.draw_line(frame.line_m, (frame.line_curvature_per_m * limit_m).tolist(), frame.arrival_ns)
+        red = share_of_limit(frame.line_curvature_per_m, limit_m)
+        self._server.draw_line(frame.line_m, red.tolist(), frame.arrival_ns)
         curve = frame.arc_length_m, frame.curvature_per_m, frame.sigma_per_m
         payload = encode_curvature(frame.capture_ns, frame.frame_number, frame.confidence, *curve)
         self._server.forward(CURVATURE, payload, frame.arrival_ns)

@@ -22,7 +22,15 @@ from bench.report.results import Results
 from bench.report.tables import write_then_rename
 from bench.report.writing import explain_write
 
-__all__ = ["CURVATURE", "CURVATURE_SCHEMA", "DERIVED_NAME", "LINE", "encode_curvature", "write_derived"]
+__all__ = [
+    "CURVATURE",
+    "CURVATURE_SCHEMA",
+    "DERIVED_NAME",
+    "LINE",
+    "encode_curvature",
+    "share_of_limit",
+    "write_derived",
+]
 
 DERIVED_NAME = "derived.mcap"
 MARKERS, LINE, CURVATURE = "/cable/markers", "/cable/line", "/cable/curvature"
@@ -108,7 +116,7 @@ def _encode_line(results: Results, row: int) -> bytes:
     frames, places = results.frames, results.arc_length_m
     line = interpolate_curve(frames.position_m[row], results.marker_arc_length_m, places)
     limit_m = results.config.cable.minimum_bend_radius_mm * 1e-3
-    red = np.clip(np.nan_to_num(frames.curvature_per_m[row].astype(np.float64) * limit_m), 0.0, 1.0)
+    red = share_of_limit(frames.curvature_per_m[row], limit_m)
     seen = np.isfinite(line[:, 0])
     sec, nanosec = split_stamp(int(frames.time_ns[row]))
     values = {
@@ -122,6 +130,11 @@ def _encode_line(results: Results, row: int) -> bytes:
         "colors": [{"r": r, "g": 1.0 - r, "b": 0.2, "a": 1.0} for r in red[seen].tolist()],
     }
     return encode(load_schema(_SCHEMAS[LINE]), values)
+
+
+def share_of_limit(curvature_per_m: Array, limit_m: float) -> Array:
+    """Return the curvature (G,) as a share of what the smallest radius allows, 0…1; 0 where it is unknown."""
+    return np.asarray(np.clip(np.nan_to_num(curvature_per_m.astype(np.float64) * limit_m), 0.0, 1.0))
 
 
 def _curve(results: Results, row: int) -> tuple[float, Array, Array, Array]:
