@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bench.analysis import PointFrames
+
 Floats = npt.NDArray[np.float64]
 
 SPACING_M = 0.12
@@ -28,6 +30,12 @@ class Scene:
     @property
     def usable(self) -> npt.NDArray[np.bool_]:
         return np.ones(len(self.points_m), dtype=bool)
+
+    def frames(self, anchor_m: Floats | None, **known: object) -> PointFrames:
+        """Return what a sorter is given, the frames taken at 100 Hz."""
+        n_frames = len(self.offsets) - 1
+        listed = {"usable": self.usable, "time_ns": np.arange(n_frames) * 10_000_000, **known}
+        return PointFrames(self.points_m, self.offsets, anchor_m=anchor_m, **listed)
 
 
 def bend_cable(radius_m: Floats, arc_length_m: Floats) -> Floats:

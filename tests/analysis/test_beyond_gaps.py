@@ -7,7 +7,7 @@ from cable_examples import ARC_LENGTH_M, N_MARKERS, Scene, make_scene, swing_cab
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis import SortSettings, follow_beyond_gaps, sort_by_chain
+from bench.analysis import SortSettings, follow_beyond_gaps, sort_by_paper
 
 SETTINGS = SortSettings(ARC_LENGTH_M, stretch=0.02, shorten=0.25, tolerance_m=0.004)
 N_FRAMES = 200
@@ -16,7 +16,7 @@ N_FRAMES = 200
 def sort(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return what the chain finds, and what following adds to it."""
     anchor = np.zeros((len(scene.source), 3))
-    chain = sort_by_chain(scene.points_m, scene.offsets, scene.usable, anchor, SETTINGS).source
+    chain = sort_by_paper(scene.frames(anchor), SETTINGS).source
     places = np.array(ARC_LENGTH_M)
     return chain, follow_beyond_gaps(scene.points_m, scene.offsets, scene.usable, chain, anchor, places)
 
@@ -61,7 +61,7 @@ def test_points_that_may_not_be_the_cables_are_not_taken() -> None:
     shown = scene.extra_source >= 0
     usable[(scene.offsets[:-1, None] + scene.extra_source)[shown]] = False
     anchor = np.zeros((N_FRAMES, 3))
-    chain = sort_by_chain(scene.points_m, scene.offsets, usable, anchor, SETTINGS).source
+    chain = sort_by_paper(scene.frames(anchor, usable=usable), SETTINGS).source
     followed = follow_beyond_gaps(scene.points_m, scene.offsets, usable, chain, anchor, np.array(ARC_LENGTH_M))
     np.testing.assert_array_equal(followed, scene.source)
 

@@ -9,9 +9,10 @@ from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, m
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
-from bench.analysis.curve import ESTIMATORS, CurveEstimate, CurveEstimator, fit_spline, get_estimator, interpolate_curve
+from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.estimators import ESTIMATORS, get_estimator
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
@@ -19,10 +20,12 @@ from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
 from bench.analysis.isolated import find_isolated_bends
+from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
+from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
-from bench.analysis.sorting import SORTERS, SortedMarkers, Sorter, gather_positions, get_sorter, sort_by_chain
+from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
     CycleFollower,
     CycleSource,
@@ -32,6 +35,7 @@ from bench.analysis.sources import (
     make_cycle_source,
 )
 from bench.analysis.spacing import MarkerPlaces, measure_marker_places
+from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
 from bench.analysis.tracks import PoseTrack
@@ -46,6 +50,7 @@ __all__ = [
     "BodyMatch",
     "CableEnd",
     "ClampDirection",
+    "ClampedEnds",
     "CounterColumns",
     "CurveEstimate",
     "CurveEstimator",
@@ -59,7 +64,9 @@ __all__ = [
     "HandEye",
     "HiddenStretch",
     "MarkerPlaces",
+    "MarkerReason",
     "MotionOffset",
+    "PointFrames",
     "PoseTrack",
     "PulseOffset",
     "RigidFit",
@@ -112,7 +119,7 @@ __all__ = [
     "place_end",
     "refine_starts",
     "see_lamp",
-    "sort_by_chain",
+    "sort_by_paper",
     "spread_frames",
     "summarise_cycles",
     "whole_take",

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, pad_points
-from bench.analysis.chain import follow_chain
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
+from bench.analysis.greedy import follow_chain
 from bench.errors import AnalysisError
 
 __all__ = ["StaticMarker", "exclude_near", "find_static_marker", "locate_static_marker", "spread_frames"]

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices
-from bench.analysis.chain import Chains, follow_chain
 from bench.analysis.gates import SpacingGates
+from bench.analysis.greedy import Chains, follow_chain
 
 __all__ = ["FREE_CHAIN_CHUNK", "follow_from_every_point", "is_symmetric", "orient_alike"]
 
@@ -29,7 +29,7 @@ def follow_from_every_point(position: Floats, free: Bools, gates: SpacingGates) 
     error = (tried.spacing_error / np.maximum(tried.n_found, 1)).reshape(free.shape)
     longest = length == length.max(axis=1, keepdims=True)
     best = np.where(longest, error, np.inf).argmin(axis=1) + np.arange(n_frames) * n_points
-    return Chains(tried.slot[best], length.ravel()[best], tried.n_ambiguous[best], tried.spacing_error[best])
+    return Chains(tried.slot[best], length.ravel()[best], tried.ambiguous[best], tried.spacing_error[best])
 
 
 def is_symmetric(gates: SpacingGates) -> bool:

@@ -23,6 +23,10 @@ class SortSettings:
     """e2 / D of the paper: shortening of a chord by bending."""
     tolerance_m: float = 0.0
     """Added to both sides of every gate: how well the arc lengths are known."""
+    length_m: float = float("nan")
+    """Arc length of the cable's other end from the anchor; NaN where unknown."""
+    noise_m: float = 2e-4
+    """Standard deviation of a marker's position, for each coordinate; 0.12-0.74 mm measured on OptiTrack."""
 
     @property
     def n_markers(self) -> int:

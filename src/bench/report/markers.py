@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis import (
+    CableEnd,
     CycleTable,
+    PointFrames,
     SortSettings,
     StaticMarker,
     centre_of_labeled,
@@ -28,7 +30,7 @@ from bench.model import UNLABELED
 from bench.recording import Run
 from bench.report.source import TrackerFrames
 
-__all__ = ["ChainStart", "TrackedBodies", "find_chain_start", "make_sort_settings"]
+__all__ = ["ChainStart", "TrackedBodies", "find_chain_start", "list_points", "make_sort_settings"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -57,9 +59,15 @@ class ChainStart:
 
 def make_sort_settings(config: Config) -> SortSettings:
     """Return what a sorter knows of the configured cable."""
-    cable = config.cable
-    tolerance_m = config.analysis.gate_tolerance_mm * 1e-3
-    return SortSettings(cable.arc_length_m, cable.stretch_ratio, cable.shorten, tolerance_m)
+    cable, analysis = config.cable, config.analysis
+    return SortSettings(
+        cable.arc_length_m,
+        cable.stretch_ratio,
+        cable.shorten,
+        tolerance_m=analysis.gate_tolerance_mm * 1e-3,
+        length_m=cable.length_m,
+        noise_m=analysis.marker_noise_mm * 1e-3,
+    )
 
 
 def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: CycleTable) -> ChainStart:
@@ -88,6 +96,27 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
         _go_without_anchor(start, config)
     start.warnings.extend(bodies.warnings)
     return start
+
+
+def list_points(
+    frames: TrackerFrames,
+    start: ChainStart,
+    row: Ints | None = None,
+    phase: Floats | None = None,
+    end: CableEnd | None = None,
+) -> PointFrames:
+    """Return the frames as a sorter takes them: `row` and `phase` (F,) are each frame's place in the cycles."""
+    return PointFrames(
+        frames.points_m,
+        frames.offsets,
+        start.usable,
+        start.anchor_m,
+        frames.time_ns,
+        end.position_m if end else None,
+        end.position_sigma_m if end else None,
+        row,
+        phase,
+    )
 
 
 def _is_labeled(flags: npt.NDArray[np.uint32]) -> Bools:

@@ -11,6 +11,7 @@ from bench.analysis import (
     TRUSTED_CONFIDENCE,
     HiddenStretch,
     MarkerPlaces,
+    PointFrames,
     fastest_speed,
     find_hidden_stretches,
     follow_beyond_gaps,
@@ -24,7 +25,7 @@ from bench.errors import AnalysisError
 from bench.recording import ROBOT, Run
 from bench.report.cycles import PlacedFrames, place_frames
 from bench.report.facts import count_driven
-from bench.report.markers import ChainStart, find_chain_start, make_sort_settings
+from bench.report.markers import find_chain_start, list_points, make_sort_settings
 from bench.report.source import RobotSamples, TrackerFrames, load_topics, read_account, read_frames, read_robot
 
 __all__ = ["SeenCycle", "see_first_cycle"]
@@ -73,17 +74,6 @@ class SeenCycle:
         return self.speed_m_s / self.speed_fraction
 
 
-@dataclass(frozen=True, eq=False)
-class _Frames:
-    """The frames of one cycle in order of time."""
-
-    time_ns: Ints
-    points_m: Floats32
-    offsets: Ints
-    usable: Bools
-    anchor_m: Floats | None
-
-
 def see_first_cycle(run: Run, config: Config) -> SeenCycle:
     """Look at the first completed cycle of a recording.
 
@@ -109,7 +99,7 @@ def see_first_cycle(run: Run, config: Config) -> SeenCycle:
     placed = place_frames(frames, robot, config.analysis, read_account(run), count_driven(run, config))
     start = find_chain_start(run, frames, config, placed.table)
     row, rows = _find_first_cycle(run, frames, placed)
-    cycle = _take_frames(frames, start, rows)
+    cycle = list_points(frames, start, placed.row, placed.phase).take(rows)
     position, trusted = _sort(cycle, config)
     places, problem = _measure_places(position, trusted, cycle.anchor_m, config)
     table = placed.table
@@ -153,22 +143,9 @@ def _find_first_cycle(run: Run, frames: TrackerFrames, placed: PlacedFrames) -> 
     return row, rows
 
 
-def _take_frames(frames: TrackerFrames, start: ChainStart, rows: npt.NDArray[np.intp]) -> _Frames:
-    counts = np.diff(frames.offsets)[rows]
-    chosen = np.concatenate([np.arange(frames.offsets[row], frames.offsets[row + 1]) for row in rows])
-    return _Frames(
-        time_ns=frames.time_ns[rows],
-        points_m=frames.points_m[chosen],
-        offsets=np.concatenate([[0], np.cumsum(counts)]),
-        usable=start.usable[chosen],
-        anchor_m=None if start.anchor_m is None else start.anchor_m[rows],
-    )
-
-
-def _sort(cycle: _Frames, config: Config) -> tuple[Floats32, Bools]:
+def _sort(cycle: PointFrames, config: Config) -> tuple[Floats32, Bools]:
     """Return the markers' positions, and the frames in which the chain found all of them without doubt."""
-    _, sort_markers = get_sorter(config.analysis.sorting)
-    found = sort_markers(cycle.points_m, cycle.offsets, cycle.usable, cycle.anchor_m, make_sort_settings(config))
+    found = get_sorter(config.analysis.sorting)(cycle, make_sort_settings(config))
     trusted = np.asarray((found.confidence >= TRUSTED_CONFIDENCE) & (found.source >= 0).all(axis=1), dtype=bool)
     places = np.array(config.cable.arc_length_m)
     source = follow_beyond_gaps(cycle.points_m, cycle.offsets, cycle.usable, found.source, cycle.anchor_m, places)
@@ -185,7 +162,7 @@ def _measure_places(
 
 
 def _find_speed(
-    cycle: _Frames, position_m: Floats32, trusted: Bools, robot: RobotSamples | None, start_ns: int, end_ns: int
+    cycle: PointFrames, position_m: Floats32, trusted: Bools, robot: RobotSamples | None, start_ns: int, end_ns: int
 ) -> float:
     """Return the largest speed in frames without doubt, or nearly the largest in all: a label swap is no speed."""
     markers_m = position_m.astype(np.float64)

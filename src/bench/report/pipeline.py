@@ -17,7 +17,7 @@ from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.ends import compare_last_marker, find_cable_ends
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
-from bench.report.markers import find_chain_start
+from bench.report.markers import find_chain_start, list_points
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
 from bench.report.robot_in_lab import exclude_flange_marker, find_robot
@@ -79,7 +79,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     in_lab = find_robot(frames, robot, config.calibration.measured)
     exclude_flange_marker(start, frames, in_lab)
     ends = find_cable_ends(start, in_lab, config)
-    traced = trace_cable(frames, start, config, ends.end.position_m if ends.end else None)
+    traced = trace_cable(list_points(frames, start, placed.row, placed.phase, ends.end), config)
     end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
@@ -92,7 +92,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         config=config,
         config_sha256=hash_config(config),
         versions=find_versions(run),
-        methods={"sorting": traced.sorting, "curvature": traced.curvature, "cycles": placed.method},
+        methods={"sorting": traced.markers.method, "curvature": traced.curve.method, "cycles": placed.method},
         exit_status=end.exit_status,
         exit_reason=end.reason,
         outcome=outcome,

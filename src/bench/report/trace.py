@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bench.analysis import (
     TRUSTED_CONFIDENCE,
     CurveEstimate,
+    PointFrames,
     SortedMarkers,
     fill_from_end,
     find_isolated_bends,
@@ -18,8 +19,7 @@ from bench.analysis import (
     get_sorter,
 )
 from bench.config import Config
-from bench.report.markers import ChainStart, make_sort_settings
-from bench.report.source import TrackerFrames
+from bench.report.markers import make_sort_settings
 
 __all__ = ["TracedCable", "trace_cable"]
 
@@ -31,10 +31,6 @@ Floats = npt.NDArray[np.float64]
 class TracedCable:
     """Markers and curvature of F frames."""
 
-    sorting: str
-    """Name of the method."""
-    curvature: str
-    """Name of the method."""
     markers: SortedMarkers
     curve: CurveEstimate
     complete: Bools
@@ -51,33 +47,25 @@ class TracedCable:
     """(k,)"""
 
 
-def trace_cable(frames: TrackerFrames, start: ChainStart, config: Config, end_m: Floats | None = None) -> TracedCable:
+def trace_cable(points: PointFrames, config: Config) -> TracedCable:
     """Sort the markers of every frame and estimate the curvature along the cable.
 
     Parameters
     ----------
-    frames : TrackerFrames
-    start : ChainStart
+    points : PointFrames
     config : Config
-    end_m : (F, 3), optional
-        The cable's other end, NaN where unknown: a second anchor for frames in which markers are hidden.
     """
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
     places = np.linspace(marker_places[0], marker_places[-1], analysis.arc_length_samples)
-    sorting, sort_markers = get_sorter(analysis.sorting)
-    curvature, estimate_curve = get_estimator(analysis.curvature)
     settings = make_sort_settings(config)
-    markers = sort_markers(frames.points_m, frames.offsets, start.usable, start.anchor_m, settings)
-    if end_m is not None:
-        usable, length_m = start.usable, config.cable.length_m
-        markers = fill_from_end(frames.points_m, frames.offsets, usable, markers, end_m, length_m, settings)
-    curve = estimate_curve(markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3)
+    markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
+    curve = get_estimator(analysis.curvature)(
+        markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3
+    )
     impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
-    isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, frames.time_ns)
+    isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, points.time_ns)
     return TracedCable(
-        sorting=sorting if end_m is None else f"{sorting}, from both ends",
-        curvature=curvature,
         markers=markers,
         curve=curve,
         complete=np.asarray((markers.source >= 0).all(axis=1), dtype=bool),

@@ -22,7 +22,7 @@ from bench.errors import AnalysisError
 from bench.recording import Run
 from bench.report.cycles import place_frames
 from bench.report.facts import count_driven
-from bench.report.markers import find_chain_start
+from bench.report.markers import find_chain_start, list_points
 from bench.report.source import RobotSamples, TrackerFrames, read_account
 from bench.report.trace import trace_cable
 
@@ -61,7 +61,7 @@ class SortedCable:
         warnings += start.warnings
         if flange.quaternion_xyzw is None:
             start.usable = exclude_near(frames.points_m, frames.offsets, start.usable, flange.position_m)
-        traced = trace_cable(frames, start, config)
+        traced = trace_cable(list_points(frames, start, placed.row, placed.phase), config)
         return cls(traced.markers.position_m, traced.complete & traced.trusted, start.anchor_m)
 
     def measure_places(self, config: Config, warnings: list[str]) -> MarkerPlaces | None:

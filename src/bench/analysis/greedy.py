@@ -20,8 +20,8 @@ class Chains:
     """(C, k): column of the point given to each marker, -1 where the chain had ended."""
     n_found: Ints
     """(C,): markers given a point."""
-    n_ambiguous: Ints
-    """(C,): markers for which more than one free point lay in the gate."""
+    ambiguous: Bools
+    """(C, k): whether more than one free point lay in the marker's gate."""
     spacing_error: Floats
     """(C,): sum over the found markers of |distance - D| / D."""
 
@@ -51,7 +51,7 @@ def follow_chain(
     n_rows, n_markers = len(position_m), len(gates.nominal_m)
     rows = np.arange(n_rows)
     slot = np.full((n_rows, n_markers), -1, dtype=np.int64)
-    ambiguous, error = np.zeros(n_rows, dtype=np.int64), np.zeros(n_rows)
+    ambiguous, error = np.zeros(slot.shape, dtype=bool), np.zeros(n_rows)
     free, last = open_points.copy(), start_m.astype(np.float64)
     for marker in range(first_marker, n_markers):
         distance = np.sqrt(np.square(position_m - last[:, None, :]).sum(axis=2))
@@ -60,7 +60,7 @@ def follow_chain(
         best = misfit.argmin(axis=1)
         found = fits[rows, best]
         slot[:, marker] = np.where(found, best, -1)
-        ambiguous += fits.sum(axis=1) > 1
+        ambiguous[:, marker] = fits.sum(axis=1) > 1
         error += np.where(found, misfit[rows, best], 0.0) / max(gates.nominal_m[marker], 1e-9)
         free[rows, best] &= ~found
         last = np.where(found[:, None], position_m[rows, best], np.nan)

@@ -1,0 +1,31 @@
+"""Estimators of the cable's curve, chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from bench.analysis.curve import CurveEstimator
+from bench.analysis.spline import fit_spline
+from bench.errors import AnalysisError
+
+__all__ = ["ESTIMATORS", "get_estimator"]
+
+ESTIMATORS: Mapping[str, CurveEstimator] = MappingProxyType({"spline": fit_spline})
+"""Estimators by the names of `[analysis] curvature`."""
+RECOMMENDED = "spline"
+
+
+def get_estimator(name: str) -> CurveEstimator:
+    """Return the estimator of that name; 'auto' is the recommended one.
+
+    Raises
+    ------
+    AnalysisError
+        There is no estimator of that name.
+    """
+    chosen = RECOMMENDED if name == "auto" else name
+    if chosen not in ESTIMATORS:
+        known = ", ".join(ESTIMATORS)
+        raise AnalysisError(f"There is no curvature method '{name}'.", hint=f"Choose one of: auto, {known}.")
+    return ESTIMATORS[chosen]
