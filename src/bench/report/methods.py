@@ -48,7 +48,9 @@ def describe_methods(results: Results) -> list[MethodNote]:
     """Return the steps of the analysis with their limits, in the order in which they were taken."""
     known = {"cycles": CYCLES, "sorting": SORTING, "curvature": CURVATURE}
     order = [*[step for step in known if step in results.methods], *sorted(results.methods.keys() - known.keys())]
-    notes = [_note(step, results.methods[step], known.get(step, {})) for step in order]
+    notes = [
+        _note(step, results.methods[step], known.get(step, {}), results.method_notes.get(step, [])) for step in order
+    ]
     return [*notes, _maximum_note(), _interval_note(results)]
 
 
@@ -62,9 +64,9 @@ def warn_about_clamps(results: Results) -> str:
     )
 
 
-def _note(step: str, method: str, known: dict[str, str]) -> MethodNote:
+def _note(step: str, method: str, known: dict[str, str], in_this_run: list[str]) -> MethodNote:
     limits = next((text for name, text in known.items() if name in method.lower()), OTHERWISE)
-    return MethodNote(step, method, limits)
+    return MethodNote(step, method, " ".join([limits, *in_this_run]))
 
 
 def _maximum_note() -> MethodNote:
