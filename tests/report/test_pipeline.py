@@ -260,3 +260,21 @@ def test_another_configuration_changes_the_analysis_and_not_the_recording(tmp_pa
     assert results.frames.curvature_per_m.shape[1] == 20
     assert results.methods["cycles"] == "whole take, phase by time"
     assert results.run_path == "name.mcap"
+
+
+def test_a_take_in_millimetres_is_refused_and_bad_points_are_counted(tmp_path: Path) -> None:
+    def scale(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        return {**values, "points_m": values["points_m"] * np.float32(1000)}
+
+    with pytest.raises(AnalysisError, match=r"\d{3} times apart"):
+        analyse(tmp_path, RunSpec(n_cycles=1, change_points=scale))
+
+    def spoil(index: int, values: dict[str, Any]) -> dict[str, Any]:
+        if index == 40:
+            values["points_m"][0] = np.nan
+        return values
+
+    (tmp_path / "b").mkdir()
+    results, _ = analyse(tmp_path / "b", RunSpec(n_cycles=1, change_points=spoil))
+    assert any(text.startswith("1 points in 1 frames have no finite place") for text in results.warnings)
+    assert (results.frames.source >= 0).all(axis=1).sum() >= len(results.frames.time_ns) - 1

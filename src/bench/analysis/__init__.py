@@ -24,6 +24,7 @@ from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gat
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -66,6 +67,7 @@ __all__ = [
     "MarkerPlaces",
     "MarkerReason",
     "MotionOffset",
+    "PointChecks",
     "PointFrames",
     "PoseTrack",
     "PulseOffset",
@@ -82,6 +84,7 @@ __all__ = [
     "align_by_arrival",
     "align_by_echo",
     "centre_of_labeled",
+    "check_points",
     "count_cycles",
     "describe_source",
     "estimate_clamp_direction",

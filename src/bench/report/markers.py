@@ -17,6 +17,7 @@ from bench.analysis import (
     SortSettings,
     StaticMarker,
     centre_of_labeled,
+    check_points,
     exclude_near,
     find_static_marker,
     is_symmetric,
@@ -77,9 +78,10 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
     Raises
     ------
     AnalysisError
-        The configured rigid body is not in the recording, or no static marker is found.
+        The configured rigid body is not in the recording, no static marker is found, or lengths are not in metres.
     """
-    start = ChainStart(usable=~_is_labeled(frames.flags))
+    checks = check_points(frames.points_m, frames.offsets, config.cable.arc_length_m)
+    start = ChainStart(usable=~_is_labeled(frames.flags) & checks.good, warnings=checks.warnings)
     if len(frames.points_m) == 0:
         start.warnings.append("The tracker saw no markers: check the cameras' exposure and the markers' reflection.")
         start.anchor_m = np.full((len(frames), 3), np.nan)
