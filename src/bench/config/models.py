@@ -278,7 +278,9 @@ class AnalysisConfig(Section):
     """Methods and limits of the report."""
 
     sorting: Literal["auto", "paper"] = Field("auto", description="'paper': the greedy chain of the paper.")
-    curvature: Literal["auto", "spline"] = Field("auto", description="'spline': the paper's cubic spline.")
+    curvature: Literal["auto", "menger_gp", "spline"] = Field(
+        "auto", description="'menger_gp': discrete bends, smoothed, with a band; 'spline': the paper's cubic spline."
+    )
     cycles: Literal["auto", "whole"] = Field(
         "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."
     )
