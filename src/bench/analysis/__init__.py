@@ -22,6 +22,7 @@ from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
+from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
@@ -101,6 +102,7 @@ __all__ = [
     "find_static_marker",
     "find_tighter",
     "fit_hand_eye",
+    "fit_menger_gp",
     "fit_rigid",
     "fit_spline",
     "follow_beyond_gaps",
