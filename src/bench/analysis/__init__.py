@@ -24,6 +24,7 @@ from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gat
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -79,6 +80,7 @@ __all__ = [
     "SpacingGates",
     "StaticMarker",
     "SwitchTimes",
+    "Travel",
     "align_by_arrival",
     "align_by_echo",
     "centre_of_labeled",
@@ -114,6 +116,8 @@ __all__ = [
     "map_by_phase",
     "match_body",
     "measure_marker_places",
+    "measure_travel",
+    "phase_from_path",
     "phase_from_register",
     "phase_from_time",
     "place_end",
