@@ -26,6 +26,7 @@ from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
@@ -83,6 +84,7 @@ __all__ = [
     "SpacingGates",
     "StaticMarker",
     "SwitchTimes",
+    "Travel",
     "align_by_arrival",
     "align_by_echo",
     "centre_of_labeled",
@@ -120,6 +122,8 @@ __all__ = [
     "map_by_phase",
     "match_body",
     "measure_marker_places",
+    "measure_travel",
+    "phase_from_path",
     "phase_from_register",
     "phase_from_time",
     "place_end",

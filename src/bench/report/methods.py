@@ -44,8 +44,9 @@ CURVATURE = {
     "the ends and 8 % inside; twelve on a catenary 12 % at the ends. Markers set closer towards the clamps help most.",
 }
 CYCLES = {
-    "counter": "The robot's own counter says which cycle a moment belongs to; phase is the share of the cycle's time "
-    "that has passed, or the place on the path where the program reports it.",
+    "counter": "The robot's own counter says which cycle a moment belongs to. Phase is what the program reports of its "
+    "place on the path; without that, the time at which a usual cycle was in the same place, found by the way that the "
+    "joints went, so that a slowed cycle aligns; without joints, the share of the cycle's time that has passed.",
     "digital output": "The edges of a digital output say which cycle a moment belongs to, each to one robot sample. An "
     "edge that no sample shows, for the stream had a gap or the pulse was shorter than a sample, is a cycle lost.",
     "joints' return": "A cycle is the time from leaving the start pose to being back in it and at rest. A path that "
