@@ -20,6 +20,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
 from bench.errors import RecordingError, RecordingExistsError, RecordingUnfinishedError
+from bench.recording.chunks import count_messages, has_sound_index, index_messages, read_chunk
 from bench.recording.container import (
     ATTACHMENT,
     HEAD,
@@ -31,11 +32,7 @@ from bench.recording.container import (
     Container,
     DamagedError,
     Note,
-    count_messages,
     describe_chunk,
-    has_sound_index,
-    index_messages,
-    read_chunk,
 )
 from bench.recording.ending import Ending, encode_records
 from bench.recording.loading import opened

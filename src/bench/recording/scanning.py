@@ -15,6 +15,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
+from bench.recording.chunks import count_messages, read_chunk, walk_records
 from bench.recording.container import (
     ATTACHMENT,
     CHANNEL,
@@ -32,10 +33,7 @@ from bench.recording.container import (
     Container,
     DamagedError,
     Note,
-    count_messages,
     describe_chunk,
-    read_chunk,
-    walk_records,
 )
 
 __all__ = ["scan_container", "scan_further"]
@@ -254,7 +252,7 @@ def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
         data = read_chunk(descriptor, chunk)
         for opcode, start, end in walk_records(data):
             if opcode in {SCHEMA, CHANNEL}:
-                _note_definition(opcode, chunk.offset, data[start:end], found)
+                _note_definition(opcode, chunk.offset, bytes(data[start:end]), found)
         _adopt_promised_channels(found)
         counts = count_messages(data)
         if counts != chunk.counts:
