@@ -12,6 +12,7 @@ from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.estimators import ESTIMATORS, get_estimator
 from bench.analysis.following import follow_marker
@@ -103,6 +104,7 @@ __all__ = [
     "find_isolated_bends",
     "find_static_marker",
     "find_tighter",
+    "fit_elastica",
     "fit_hand_eye",
     "fit_menger_gp",
     "fit_rigid",
