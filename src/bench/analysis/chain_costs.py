@@ -1,9 +1,10 @@
 """What a chain of markers costs, in nats: distances, turning angles and hidden markers, as tables for the search.
 
 The posterior of a chain of seen markers is the product, over them, of the density of the next marker's place given the
-two before it, against the density of points that are nobody's. The place is told by its distance, never longer than the
-cable between, exponentially less likely the shorter it is (a circle of curvature kappa shortens a length S by
-S³ kappa² / 24), and by the angle in which the cable turns, distributed about straight on by von Mises and Fisher.
+two before it, against the density of points that are nobody's. The place is told by its distance, not longer than the
+cable between as far as that is known (the gates are two standard deviations), exponentially less likely the shorter it
+is (a circle of curvature kappa shortens a length S by S³ kappa² / 24), and by the angle in which the cable turns,
+distributed about straight on by von Mises and Fisher.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ MOST_GAP = 4
 """Largest step from one seen marker to the next: three hidden between them."""
 CUT = 15.0
 """A distance so short that it costs more than this is not tried: a hidden marker costs about 8."""
+MOST_SIGMAS = 4.0
+"""A distance longer than the cable by more is not tried: it would cost as much as a hidden marker."""
 LATERAL_M = 0.002
 """Markers lie beside the cable's axis by about this: they are stuck on."""
 ANCHOR_OFFSET_M = 0.02
@@ -84,7 +87,7 @@ def make_costs(settings: SortSettings, prior: ChainPrior) -> ChainCosts:
             spans[to, gap, 6] += unseen[to - gap + 1 : to].sum() - usual[to]
             spans[to, gap, 7] = turns[to - gap, : to - gap + 1, gap, 1][: MOST_GAP + 1].min()
     hidden = unseen.sum() - np.cumsum(unseen)
-    reach = place * (1 + settings.stretch) + settings.tolerance_m
+    reach = place + MOST_SIGMAS / 2 * (settings.stretch * place + settings.tolerance_m)
     return ChainCosts(spans, turns, _make_ends(place, settings, prior), hidden, reach)
 
 
@@ -97,7 +100,7 @@ def _make_spans(place: Floats, settings: SortSettings, prior: ChainPrior) -> Flo
             far = sigma * np.sqrt(2 * CUT)
             if far > knee:
                 far = scale * (CUT + 0.5 * (sigma / scale) ** 2)
-            high = length * (1 + settings.stretch) + settings.tolerance_m
+            high = length + MOST_SIGMAS * sigma
             cost = _log_mass(sigma, scale, knee) + 2 * np.log(length)
             spans[to, gap, :7] = length, 0.5 / sigma**2, 1 / scale, knee, max(length - far, 0.0), high, cost
     return spans
