@@ -9,6 +9,7 @@ from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, m
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
+from bench.analysis.chain import sort_by_chain
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
@@ -119,6 +120,7 @@ __all__ = [
     "place_end",
     "refine_starts",
     "see_lamp",
+    "sort_by_chain",
     "sort_by_paper",
     "spread_frames",
     "summarise_cycles",
