@@ -25,6 +25,7 @@ from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.radius import BendRadius, bend_radius
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -48,6 +49,7 @@ __all__ = [
     "SORTERS",
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
+    "BendRadius",
     "BodyMatch",
     "CableEnd",
     "ClampDirection",
@@ -82,6 +84,7 @@ __all__ = [
     "SwitchTimes",
     "align_by_arrival",
     "align_by_echo",
+    "bend_radius",
     "centre_of_labeled",
     "count_cycles",
     "describe_source",
