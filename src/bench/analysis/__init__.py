@@ -5,7 +5,7 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
-from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
+from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
@@ -27,8 +27,10 @@ from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.point_checks import PointChecks, check_points
+from bench.analysis.radius import BendRadius, bend_radius
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -52,6 +54,7 @@ __all__ = [
     "SORTERS",
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
+    "BendRadius",
     "BodyMatch",
     "CableEnd",
     "ClampDirection",
@@ -68,9 +71,11 @@ __all__ = [
     "Gaps",
     "HandEye",
     "HiddenStretch",
+    "LargestBend",
     "MarkerPlaces",
     "MarkerReason",
     "MotionOffset",
+    "PhaseMean",
     "PointChecks",
     "PointFrames",
     "PoseTrack",
@@ -89,6 +94,8 @@ __all__ = [
     "Travel",
     "align_by_arrival",
     "align_by_echo",
+    "average_by_phase",
+    "bend_radius",
     "calibrate_spacing",
     "centre_of_labeled",
     "check_points",
@@ -104,6 +111,7 @@ __all__ = [
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
+    "find_largest_bend",
     "find_static_marker",
     "find_tighter",
     "fit_hand_eye",
@@ -122,7 +130,6 @@ __all__ = [
     "locate_static_marker",
     "make_cycle_source",
     "make_gates",
-    "map_by_phase",
     "match_body",
     "measure_marker_places",
     "measure_travel",
