@@ -9,9 +9,19 @@ from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, m
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
+from bench.analysis.comparison import (
+    MotionDifference,
+    align_in_space,
+    align_in_time,
+    compare_motions,
+    draw_motion,
+    median_cycle,
+    shift_motion,
+)
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
@@ -25,6 +35,8 @@ from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
+from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size
+from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
     CycleFollower,
@@ -49,8 +61,11 @@ __all__ = [
     "AlignedClock",
     "BodyMatch",
     "CableEnd",
+    "Catenary",
+    "Circle",
     "ClampDirection",
     "ClampedEnds",
+    "Condition",
     "CounterColumns",
     "CurveEstimate",
     "CurveEstimator",
@@ -59,12 +74,15 @@ __all__ = [
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
+    "ErrorFigures",
     "FlangeSightings",
     "Gaps",
     "HandEye",
     "HiddenStretch",
+    "KnownShape",
     "MarkerPlaces",
     "MarkerReason",
+    "MotionDifference",
     "MotionOffset",
     "PointFrames",
     "PoseTrack",
@@ -72,18 +90,26 @@ __all__ = [
     "RigidFit",
     "RigidTransform",
     "RobotSigns",
+    "SampledShape",
     "SegmentClock",
+    "ShapeFit",
     "SortSettings",
     "SortedMarkers",
     "Sorter",
     "SpacingGates",
     "StaticMarker",
+    "Straight",
     "SwitchTimes",
     "align_by_arrival",
     "align_by_echo",
+    "align_in_space",
+    "align_in_time",
+    "average_frames",
     "centre_of_labeled",
+    "compare_motions",
     "count_cycles",
     "describe_source",
+    "draw_motion",
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "estimate_pulse_offset",
@@ -98,6 +124,8 @@ __all__ = [
     "find_tighter",
     "fit_hand_eye",
     "fit_rigid",
+    "fit_shape",
+    "fit_size",
     "fit_spline",
     "follow_beyond_gaps",
     "follow_marker",
@@ -110,15 +138,20 @@ __all__ = [
     "judge_frame_rate",
     "locate_static_marker",
     "make_cycle_source",
+    "make_ends",
+    "make_frames",
     "make_gates",
     "map_by_phase",
     "match_body",
+    "measure_errors",
     "measure_marker_places",
+    "median_cycle",
     "phase_from_register",
     "phase_from_time",
     "place_end",
     "refine_starts",
     "see_lamp",
+    "shift_motion",
     "sort_by_paper",
     "spread_frames",
     "summarise_cycles",

@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.accuracy import accuracy
 from bench.cli.calibrate import calibrate
 from bench.cli.check import check
 from bench.cli.config import config_app
@@ -39,6 +40,7 @@ app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("salvage")(salvage)
+app.command("accuracy")(accuracy)
 app.command("live")(live)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")
