@@ -8,7 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from bench.analysis import Catenary, Circle, RigidTransform, Straight, average_frames, fit_shape, fit_size
+from bench.analysis import (
+    Catenary,
+    Circle,
+    RigidTransform,
+    Straight,
+    average_frames,
+    fit_shape,
+    fit_size,
+    verify_on_shape,
+)
 from bench.errors import AnalysisError, TooFewMarkersError
 
 CASES = [
@@ -50,7 +59,8 @@ def test_a_marker_off_the_axis_is_off_the_shape_and_not_beside_its_place():
 @pytest.mark.parametrize(("make", "size", "arc"), [(Circle, 0.4, np.arange(8) * 0.3), (Catenary, 0.5, CASES[2][1])])
 def test_the_markers_own_size_is_found_from_a_wrong_one(make, size, arc):
     position = some_pose(3).apply(make(size).place(arc - 0.9))
-    assert fit_size(position, arc, make, size * 1.05) == pytest.approx(size, rel=1e-3)
+    wrong = fit_shape(position, arc, make(size * 1.05))
+    assert fit_size(position, arc, make, size * 1.05, wrong) == pytest.approx(size, rel=1e-3)
 
 
 def test_frames_of_a_solid_that_moves_are_laid_onto_each_other():
@@ -83,5 +93,7 @@ def test_more_cable_than_the_circle_has_is_refused_with_both_lengths():
 
 def test_markers_of_another_shape_are_refused_with_their_distance():
     arc = np.linspace(0, 1.2, 8)
+    fit = fit_shape(Straight().place(arc), arc, Circle(0.3))
     with pytest.raises(AnalysisError, match="do not lie on the shape"):
-        fit_shape(Straight().place(arc), arc, Circle(0.3))
+        verify_on_shape(fit, arc, Circle(0.3))
+    verify_on_shape(fit_shape(Straight().place(arc), arc, Straight()), arc, Straight())

@@ -35,7 +35,7 @@ from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
-from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size
+from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size, verify_on_shape
 from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -155,5 +155,6 @@ __all__ = [
     "sort_by_paper",
     "spread_frames",
     "summarise_cycles",
+    "verify_on_shape",
     "whole_take",
 ]

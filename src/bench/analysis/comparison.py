@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import minimize_scalar
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints
-from bench.analysis.rigid import RigidTransform, fit_rigid
+from bench.analysis.rigid import RigidTransform, kabsch
 from bench.analysis.spline import interpolate_curve
 from bench.errors import AnalysisError
 
@@ -30,6 +30,7 @@ TINY_PHASE = 1e-12
 """Frames of one phase, while the robot rests, are no further apart than this."""
 SEARCH_STRIDE = 10
 """Of the places along the cable, every tenth serves while the offset in time is looked for."""
+NOTHING_IN_COMMON = "The two motions have no phase and no place on the cable in common: nothing is compared."
 LEAST_OVERLAP = 0.5
 """Of a motion that does not repeat, what must remain when it is shifted against another."""
 
@@ -147,7 +148,7 @@ def compare_motions(first_m: Floats, second_m: Floats, arc_length_m: Floats) -> 
     difference = first_m - second_m
     known = np.isfinite(difference).all(axis=2)
     if not known.any():
-        raise AnalysisError("The two motions have no phase and no place on the cable in common: nothing is compared.")
+        raise AnalysisError(NOTHING_IN_COMMON)
     steps = np.diff(arc_length_m)
     weight = known * (np.append(steps, 0.0) + np.append(0.0, steps)) / 2
     square = np.nansum(weight[:, :, None] * difference**2, axis=(0, 1)) / weight.sum()
@@ -157,9 +158,12 @@ def compare_motions(first_m: Floats, second_m: Floats, arc_length_m: Floats) -> 
 def align_in_space(first_m: Floats, second_m: Floats) -> RigidTransform:
     """Return the one rigid transform, for all phases, that lays the second motion (P, G, 3) onto the first.
 
-    By `fit_rigid`: where the motions really differ hardly turns what is alike.
+    The one that makes e of eq. (6) smallest.
     """
-    return fit_rigid(second_m.reshape(-1, 3), first_m.reshape(-1, 3)).transform
+    known = np.isfinite(first_m).all(axis=2) & np.isfinite(second_m).all(axis=2)
+    if not known.any():
+        raise AnalysisError(NOTHING_IN_COMMON)
+    return kabsch(second_m[known], first_m[known], np.ones(int(known.sum())))
 
 
 def align_in_time(first_m: Floats, second_m: Floats, *, repeats: bool, in_space: bool = False) -> float:
@@ -194,7 +198,7 @@ def _misfit(first_m: Floats, second_m: Floats, *, in_space: bool) -> float:
         return np.inf
     one, other = first_m[known], second_m[known]
     if in_space:
-        other = fit_rigid(other, one).transform.apply(other)
+        other = kabsch(other, one, np.ones(len(one))).apply(other)
     return float(np.mean(np.square(one - other).sum(axis=1)))
 
 

@@ -13,7 +13,7 @@ from bench.analysis.rigid import RigidTransform, align_points
 from bench.analysis.shapes import KnownShape
 from bench.errors import AnalysisError, TooFewMarkersError
 
-__all__ = ["ShapeFit", "average_frames", "fit_shape", "fit_size"]
+__all__ = ["ShapeFit", "average_frames", "fit_shape", "fit_size", "verify_on_shape"]
 
 FEWEST_MARKERS = 4
 """Three lie on every circle."""
@@ -70,7 +70,7 @@ def fit_shape(position_m: Floats, marker_arc_length_m: Floats, shape: KnownShape
     TooFewMarkersError
         Fewer than 4 markers.
     AnalysisError
-        The shape is shorter than the cable between the markers, or the markers lie on another shape.
+        The shape is shorter than the cable between the markers.
     """
     if len(position_m) < FEWEST_MARKERS:
         raise TooFewMarkersError(f"{len(position_m)} markers tell no shape: at least {FEWEST_MARKERS} are needed.")
@@ -81,26 +81,29 @@ def fit_shape(position_m: Floats, marker_arc_length_m: Floats, shape: KnownShape
             f"{shape.length_m * 1e3:.0f} mm.",
             hint="Check the size and marker_arc_length_m.",
         )
-    fit = _refine(position_m, marker_arc_length_m, shape, _find_start(position_m, marker_arc_length_m, shape))
-    limit = MOST_DISTANCE * span / (len(position_m) - 1)
+    return _refine(position_m, marker_arc_length_m, shape, _find_start(position_m, marker_arc_length_m, shape))
+
+
+def verify_on_shape(fit: ShapeFit, marker_arc_length_m: Floats, shape: KnownShape) -> None:
+    """Raise `AnalysisError` if the markers lie on another shape: further off than a tenth of their spacing (rms)."""
+    span = float(marker_arc_length_m[-1] - marker_arc_length_m[0])
+    limit = MOST_DISTANCE * span / (len(marker_arc_length_m) - 1)
     if fit.rms_m > limit:
         raise AnalysisError(
             f"The markers do not lie on the shape ({shape.name}): they are {fit.rms_m * 1e3:.1f} mm from it (rms; at "
             f"most {limit * 1e3:.1f} mm, a tenth of their spacing).",
             hint="Check the size, and that nothing else was recorded than the shape.",
         )
-    return fit
 
 
 def fit_size(
-    position_m: Floats, marker_arc_length_m: Floats, make: Callable[[float], KnownShape], size_m: float
+    position_m: Floats, marker_arc_length_m: Floats, make: Callable[[float], KnownShape], size_m: float, fit: ShapeFit
 ) -> float:
-    """Return the size with which the shape fits the markers best, between half and twice `size_m`."""
+    """Return the size with which the shape fits best, between half and twice `size_m`, to which `fit` belongs."""
+    start = fit.lab_from_shape, fit.at_m
 
     def misfit(scale: float) -> float:
-        shape = make(size_m * scale)
-        start = _find_start(position_m, marker_arc_length_m, shape)
-        return _refine(position_m, marker_arc_length_m, shape, start).rms_m
+        return _refine(position_m, marker_arc_length_m, make(size_m * scale), start).rms_m
 
     found = minimize_scalar(misfit, bounds=SIZE_RANGE, method="bounded", options={"xatol": 1e-5})
     return size_m * float(found.x)

@@ -17,6 +17,7 @@ from bench.analysis import (
     fit_shape,
     fit_size,
     measure_errors,
+    verify_on_shape,
 )
 from bench.errors import AnalysisError
 from bench.report.accuracy.study import estimate
@@ -109,13 +110,14 @@ def measure_template(
     arc = results.marker_arc_length_m
     mean, laid = average_frames(position)
     fit = fit_shape(mean, arc, shape)
+    verify_on_shape(fit, arc, shape)
     off = _distances(laid, fit, shape)
     freedom = max(len(laid) - 1, 1) * (1 - 6 / (3 * len(arc)))
     variance = np.square(laid - mean).sum(axis=(0, 2)) / (3 * freedom)
     return Template(
         results=results,
         shape=shape,
-        own_size_m=fit_size(mean, arc, make, size_m) if make else np.nan,
+        own_size_m=fit_size(mean, arc, make, size_m, fit) if make else np.nan,
         fit=fit,
         n_complete=n_complete,
         n_frames=len(position),
