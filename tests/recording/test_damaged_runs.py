@@ -293,12 +293,6 @@ def test_a_copy_with_other_chunks_reads_the_same(
     assert copy.status.complete
 
 
-def test_a_copy_without_chunks_is_refused_in_words(recording: bytes, tmp_path: Path) -> None:
-    path = _rewrite(recording, tmp_path / "copy.mcap", CompressionType.NONE, use_chunking=False)
-    with pytest.raises(RecordingError, match="a message stands outside a chunk"):
-        open_run(path)
-
-
 def test_an_unknown_topic_is_refused_with_the_known_ones(recording: bytes, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="'/nonsense' is no topic of a run file; there are: /robot/state"):
         _open_bytes(tmp_path, recording)["/nonsense"]

@@ -68,8 +68,6 @@ def open_run(path: str | Path) -> Run:
     path = Path(path)
     with opened(path) as descriptor:
         container = _scan(descriptor, path)
-    if not container.chunks and "outside a chunk" in container.problem:
-        raise RecordingError(f"{path} cannot be read: {container.problem}.", hint="Write it with chunks.")
     if "bench.run" not in container.metadata:
         if container.finished:
             raise RecordingError(
