@@ -16,6 +16,7 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 from benchmarks.calibration import measure_calibration
+from benchmarks.losses import measure_losses
 from benchmarks.reading import measure_reading
 from benchmarks.recording import measure_recording
 from benchmarks.report import measure_report
@@ -48,7 +49,7 @@ def main() -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help="1000 cycles, minutes of both streams, 2.8 million messages read, a 1 GB take, how far --speed goes",
+        help="1000 cycles, minutes of both streams, a run and a take of 1 GB, 50 kills, how far --speed goes",
     )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
@@ -63,6 +64,7 @@ def main() -> None:
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:
+            rows += measure_losses()
             rows += [measure_speed(folder, speed) for speed in SPEEDS]
     print_table(rows)
 

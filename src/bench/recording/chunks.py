@@ -23,6 +23,7 @@ __all__ = [
     "Data",
     "Offsets",
     "count_messages",
+    "find_times",
     "has_sound_index",
     "index_messages",
     "read_chunk",
@@ -159,6 +160,13 @@ def walk_records(data: Data) -> Iterator[tuple[int, int, int]]:
 def count_messages(data: Data) -> dict[int, int]:
     """Return how many messages of each channel are in an unpacked chunk, by reading all of it."""
     return {channel: len(offsets) for channel, offsets in _walk_messages(data).items()}
+
+
+def find_times(data: Data) -> tuple[int, int]:
+    """Return the first and the last log time in an unpacked chunk, (0, 0) if it holds no message."""
+    places = list(_walk_messages(data).values())
+    times = _read_i64(data, np.concatenate([np.empty(0, np.int64), *places]) + HEAD.size + 6)
+    return (int(times.min()), int(times.max())) if len(times) else (0, 0)
 
 
 def index_messages(data: Data) -> dict[int, bytes]:

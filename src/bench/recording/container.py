@@ -94,6 +94,10 @@ class Chunk:
     """File offset and number of the index entries, by channel."""
     counts: dict[int, int] = field(default_factory=dict)
     """Messages by channel."""
+    is_dated: bool = True
+    """The index does not contradict the times of its head, which have no checksum."""
+    is_loose: bool = False
+    """It is no chunk in the file, but messages that stand there one after the other: the same bytes as in one."""
 
     @property
     def start(self) -> int:

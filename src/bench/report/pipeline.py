@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, make_cycle_source, map_by_phase
+from bench.analysis import TRUSTED_CONFIDENCE, average_by_phase, interpolate_curve, make_cycle_source
 from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
@@ -87,7 +87,8 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
     n_bins = _count_phase_bins(cycles.n_frames)
-    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, n_bins)
+    curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
+    bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
     return Results(
         run_path=PurePath(run_path or run.path).name,
         config=config,

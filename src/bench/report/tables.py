@@ -25,6 +25,7 @@ from bench.report.writing import explain_write
 
 __all__ = [
     "TABLE_FILES",
+    "to_plain",
     "verify_folder_is_free",
     "write_markers",
     "write_summary",
@@ -207,7 +208,7 @@ def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
     bend, calibration = find_tightest_bend(results), results.config.calibration.measured
     row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
-    summary: dict[str, Any] = _jsonable(
+    summary: dict[str, Any] = to_plain(
         {
             "run": results.run_path,
             "outcome": str(results.outcome),
@@ -241,12 +242,12 @@ def _summary(results: Results) -> dict[str, Any]:
     return summary
 
 
-def _jsonable(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """Return plain JSON data; a number that is not finite becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): _jsonable(one) for key, one in value.items()}
+        return {str(key): to_plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [_jsonable(one) for one in value]
+        return [to_plain(one) for one in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
