@@ -42,6 +42,7 @@ from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
 from bench.analysis.tracks import PoseTrack
+from bench.analysis.twist_free import resolve_curvature
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
@@ -127,6 +128,7 @@ __all__ = [
     "phase_from_time",
     "place_end",
     "refine_starts",
+    "resolve_curvature",
     "see_lamp",
     "sort_by_paper",
     "spread_frames",
