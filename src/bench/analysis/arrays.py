@@ -57,7 +57,8 @@ def pad_points(points_m: Floats32, offsets: Ints, usable: Bools, frames: Ints) -
     Returns
     -------
     position_m : (C, n, 3)
-        NaN beyond a frame's last point; n is the longest frame's number of points, at least 1.
+        NaN beyond a frame's last point, and where a point has no finite place; n is the longest frame's number of
+        points, at least 1.
     open_points : (C, n)
         True for usable points.
     """
@@ -67,7 +68,8 @@ def pad_points(points_m: Floats32, offsets: Ints, usable: Bools, frames: Ints) -
     position = np.full((*filled.shape, 3), np.nan)
     open_points = np.zeros(filled.shape, dtype=bool)
     index = (first[:, None] + slot)[filled]
-    position[filled] = points_m[index]
+    points = points_m[index]
+    position[filled] = np.where(np.isfinite(points), points, np.nan)
     open_points[filled] = usable[index]
     return position, open_points
 
