@@ -58,6 +58,7 @@ from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
 from bench.analysis.tracks import PoseTrack
+from bench.analysis.twist_free import resolve_curvature
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
@@ -170,6 +171,7 @@ __all__ = [
     "phase_from_time",
     "place_end",
     "refine_starts",
+    "resolve_curvature",
     "see_lamp",
     "shift_motion",
     "sort_by_chain",
