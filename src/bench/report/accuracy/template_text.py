@@ -92,4 +92,5 @@ def _mm(value_m: float, digits: int = 2) -> str:
 
 
 def _signed(value_mm: float) -> str:
-    return f"{'+' if value_mm > 0 else ''}{say_number(value_mm, 2)}"
+    rounded = round(value_mm, 2) + 0.0  # no minus before a zero
+    return f"{'+' if rounded > 0 else ''}{say_number(rounded, 2)}"
