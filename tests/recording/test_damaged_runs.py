@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import os
 import signal
 import struct
@@ -18,6 +19,8 @@ from recording_examples import make_frame, make_state, one_of_each, write_run
 
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.recording import FRAME, POINTS, ROBOT, STATE, STATS, Run, open_run
+from bench.recording.cdr import encode
+from bench.recording.schemas import load_schema, parse_schema
 from bench.recording.topics import TOPICS
 
 PATIENCE_S = 30.0
@@ -92,6 +95,27 @@ def test_an_unfinished_run_knows_its_last_statistics(recording: bytes, tmp_path:
     assert "unfinished: " in str(run.status)
     assert run.totals[ROBOT].written == run.topics[ROBOT]
     assert run.topics[STATS] > 0
+
+
+@pytest.mark.parametrize("is_cut", [False, True])
+def test_statistics_of_a_file_that_does_not_tell_what_was_enqueued_are_read(tmp_path: Path, is_cut: bool) -> None:
+    path = tmp_path / "old.mcap"
+    text = load_schema("bench_msgs/msg/RecorderStats").text
+    older = "\n".join(line for line in text.splitlines() if " enqueued" not in line)
+    numbers = {"received": 5, "written": 4, "dropped": 1, "missed": 2}
+    with path.open("wb") as stream:
+        writer = Writer(stream, compression=CompressionType.LZ4)
+        writer.start()
+        writer.add_metadata("bench.run", {"run_id": "old"})
+        schema = writer.register_schema("bench_msgs/msg/RecorderStats", "ros2msg", older.encode())
+        payload = encode(parse_schema("bench_msgs/msg/RecorderStats", older), {"topic": ROBOT, "host_ns": 9, **numbers})
+        writer.add_message(writer.register_channel(STATS, "cdr", schema), 7, payload, 6, 9)
+        if not is_cut:
+            writer.add_metadata("bench.end", {"totals": json.dumps({ROBOT: numbers})})
+        writer.finish()
+    total = open_run(path).totals[ROBOT]
+    assert (total.received, total.written, total.dropped, total.missed) == (5, 4, 1, 2)
+    assert total.enqueued == -1
 
 
 def test_a_flipped_bit_costs_its_chunk_and_is_told(recording: bytes, tmp_path: Path) -> None:
@@ -267,12 +291,6 @@ def test_a_copy_with_other_chunks_reads_the_same(
         for name, column in original[topic].items():
             np.testing.assert_array_equal(copy[topic][name], column, err_msg=name)
     assert copy.status.complete
-
-
-def test_a_copy_without_chunks_is_refused_in_words(recording: bytes, tmp_path: Path) -> None:
-    path = _rewrite(recording, tmp_path / "copy.mcap", CompressionType.NONE, use_chunking=False)
-    with pytest.raises(RecordingError, match="a message stands outside a chunk"):
-        open_run(path)
 
 
 def test_an_unknown_topic_is_refused_with_the_known_ones(recording: bytes, tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bench.analysis import MarkerReason
 from bench.errors import RecordingExistsError
 from bench.model import Verdict
 from bench.recording import rename_new
@@ -138,6 +139,8 @@ def _markers(results: Results, rows: slice) -> dict[str, Any]:
         "source": _lists(frames.source[rows]),
         "position_m": _lists(frames.position_m.reshape(len(frames.position_m), 3 * frames.source.shape[1])[rows]),
         "confidence": pa.array(frames.confidence[rows]),
+        "marker_confidence": _lists(frames.marker_confidence[rows]),
+        "reason": _lists(frames.reason[rows]),
     }
 
 
@@ -184,6 +187,7 @@ def _open_writer(path: Path, schema: Any, results: Results) -> Any:
         "methods": json.dumps(results.methods),
         "config_sha256": results.config_sha256,
         "run": results.run_path,
+        "reasons": json.dumps({reason.value: reason.name.lower() for reason in MarkerReason}),
     }
     return pq.ParquetWriter(
         path,
