@@ -109,7 +109,7 @@ def test_what_gave_nothing_is_named_with_its_reason(study):
 def test_the_rods_table_has_the_true_radius_and_the_error_of_the_peak(study):
     rods = tabulate_study(study)[-1]
     assert rods.columns[1] == "arc, R 400 mm"
-    assert rods.rows[-1][1] == "0.00 ± 0.00"
+    assert rods.rows[-1][1] == "0.00 ± 0.00, 100"
 
 
 def test_tables_and_page_of_the_study(study, tmp_path):
