@@ -19,6 +19,7 @@ from benchmarks.calibration import measure_calibration
 from benchmarks.losses import measure_losses
 from benchmarks.reading import measure_reading
 from benchmarks.recording import measure_recording
+from benchmarks.report import measure_report
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -56,6 +57,7 @@ def main() -> None:
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
         rows += [*measure_reading(folder, full), measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
+        rows += measure_report(folder, full, bench)
         rows += measure_take_import(folder, full, bench)
         rows += measure_calibration(folder, bench)
         rows += measure_recording(full)

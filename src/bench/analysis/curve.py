@@ -31,7 +31,9 @@ class CurveEstimate:
     method: str = ""
     """Name of the method that was used."""
     notes: list[str] = field(default_factory=list)
-    """Sentences that the reader must know: why this method, what was fitted, what is doubtful."""
+    """Sentences on how it was done: why this method, what was fitted."""
+    warnings: list[str] = field(default_factory=list)
+    """Sentences on what is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from pathlib import PurePath
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, make_cycle_source, map_by_phase
+from bench.analysis import TRUSTED_CONFIDENCE, average_by_phase, interpolate_curve, make_cycle_source
 from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
@@ -79,14 +79,17 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     in_lab = find_robot(frames, robot, config.calibration.measured)
     exclude_flange_marker(start, frames, in_lab)
     ends = find_cable_ends(start, in_lab, config)
-    traced = trace_cable(list_points(frames, start, placed.row, placed.phase, ends.end), config)
+    traced = trace_cable(
+        list_points(frames, start, placed.row, placed.phase, ends.end), config, ends.clamps(config.cable.length_m)
+    )
     end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
     n_bins = _count_phase_bins(cycles.n_frames)
-    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, n_bins)
+    curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
+    bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
     return Results(
         run_path=PurePath(run_path or run.path).name,
         config=config,
@@ -113,10 +116,13 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *start.warnings,
             *(in_lab.warn_of_tcp() if in_lab else []),
             *ends.warnings,
+            *traced.markers.warnings,
+            *traced.curve.warnings,
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
         ],
+        method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
         ends=ends.columns(len(frames)),
         analysis_s=time.perf_counter() - begin,
     )
@@ -141,6 +147,8 @@ def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCa
         source=traced.markers.source,
         position_m=traced.markers.position_m,
         confidence=traced.markers.confidence,
+        marker_confidence=traced.markers.marker_confidence,
+        reason=traced.markers.reason,
         curvature_per_m=traced.curve.curvature_per_m,
         sigma_per_m=traced.curve.sigma_per_m,
     )
