@@ -10,6 +10,7 @@ from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
+from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
@@ -77,11 +78,13 @@ __all__ = [
     "SortSettings",
     "SortedMarkers",
     "Sorter",
+    "SpacingCalibration",
     "SpacingGates",
     "StaticMarker",
     "SwitchTimes",
     "align_by_arrival",
     "align_by_echo",
+    "calibrate_spacing",
     "centre_of_labeled",
     "count_cycles",
     "describe_source",

@@ -1,9 +1,10 @@
 """What a chain of markers costs, in nats: distances, turning angles and hidden markers, as tables for the search.
 
 The posterior of a chain of seen markers is the product, over them, of the density of the next marker's place given the
-two before it, against the density of points that are nobody's. The place is told by its distance, never longer than the
-cable between, exponentially less likely the shorter it is (a circle of curvature kappa shortens a length S by
-S³ kappa² / 24), and by the angle in which the cable turns, distributed about straight on by von Mises and Fisher.
+two before it, against the density of points that are nobody's. The place is told by its distance, not longer than the
+cable between as far as that is known (the gates are two standard deviations), exponentially less likely the shorter it
+is (a circle of curvature kappa shortens a length S by S³ kappa² / 24), and by the angle in which the cable turns,
+distributed about straight on by von Mises and Fisher.
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ MOST_GAP = 4
 """Largest step from one seen marker to the next: three hidden between them."""
 CUT = 15.0
 """A distance so short that it costs more than this is not tried: a hidden marker costs about 8."""
+MOST_SIGMAS = 4.0
+"""A distance longer than the cable by more is not tried: it would cost as much as a hidden marker."""
 LATERAL_M = 0.002
 """Markers lie beside the cable's axis by about this: they are stuck on."""
 ANCHOR_OFFSET_M = 0.02
@@ -56,16 +59,17 @@ class ChainCosts:
     """Tables that `search_chains` takes; nodes are 0 for the anchor, 1…k for the markers."""
 
     spans: Floats
-    """(k + 1, MOST_GAP + 1, 7): for the step of g nodes to node m: length, sigma, scale, knee, low, high, cost."""
+    """(k + 1, MOST_GAP + 1, 8): for the step of g nodes to node m: length, 1 / (2 sigma²), 1 / scale, knee, low, high,
+    cost, and the least cost of the turn before it."""
     turns: Floats
     """(k + 1, MOST_GAP + 1, MOST_GAP + 1, 2): for the turn at node m between steps of g1 (0: none) and g2:
     concentration, cost."""
     ends: Floats
-    """(k + 1, 5): for the step from node m to the cable's end: length, sigma, scale, knee, most cost."""
+    """(k + 1, 4): for the step from node m to the cable's end: length, sigma, scale, most cost."""
     hidden: Floats
     """(k + 1,): all nodes after m are hidden."""
-    reach_m: float
-    """Points further from the anchor than this are not the cable's."""
+    reach_m: Floats
+    """(k + 1,): how far from the anchor node m can be."""
 
 
 def make_costs(settings: SortSettings, prior: ChainPrior) -> ChainCosts:
@@ -81,13 +85,14 @@ def make_costs(settings: SortSettings, prior: ChainPrior) -> ChainCosts:
     for to in range(1, k + 1):
         for gap in range(1, min(MOST_GAP, to) + 1):
             spans[to, gap, 6] += unseen[to - gap + 1 : to].sum() - usual[to]
+            spans[to, gap, 7] = turns[to - gap, : to - gap + 1, gap, 1][: MOST_GAP + 1].min()
     hidden = unseen.sum() - np.cumsum(unseen)
-    reach = place[-1] * (1 + settings.stretch) + settings.tolerance_m
-    return ChainCosts(spans, turns, _make_ends(place, settings, prior), hidden, float(reach))
+    reach = place + MOST_SIGMAS / 2 * (settings.stretch * place + settings.tolerance_m)
+    return ChainCosts(spans, turns, _make_ends(place, settings, prior), hidden, reach)
 
 
 def _make_spans(place: Floats, settings: SortSettings, prior: ChainPrior) -> Floats:
-    spans = np.zeros((len(place), MOST_GAP + 1, 7))
+    spans = np.zeros((len(place), MOST_GAP + 1, 8))
     for to in range(1, len(place)):
         for gap in range(1, min(MOST_GAP, to) + 1):
             length = max(place[to] - place[to - gap], LEAST_LENGTH_M)
@@ -95,9 +100,9 @@ def _make_spans(place: Floats, settings: SortSettings, prior: ChainPrior) -> Flo
             far = sigma * np.sqrt(2 * CUT)
             if far > knee:
                 far = scale * (CUT + 0.5 * (sigma / scale) ** 2)
-            high = length * (1 + settings.stretch) + settings.tolerance_m
+            high = length + MOST_SIGMAS * sigma
             cost = _log_mass(sigma, scale, knee) + 2 * np.log(length)
-            spans[to, gap] = length, sigma, scale, knee, max(length - far, 0.0), high, cost
+            spans[to, gap, :7] = length, 0.5 / sigma**2, 1 / scale, knee, max(length - far, 0.0), high, cost
     return spans
 
 
@@ -116,11 +121,11 @@ def _make_turns(place: Floats, prior: ChainPrior) -> Floats:
 
 
 def _make_ends(place: Floats, settings: SortSettings, prior: ChainPrior) -> Floats:
-    ends, k = np.zeros((len(place), 5)), len(place) - 1
+    ends, k = np.zeros((len(place), 4)), len(place) - 1
     for m in range(len(place)):
         length = max(settings.length_m - place[m], LEAST_LENGTH_M)
-        sigma, scale, knee = _spread(length, _usual_curvature(prior, m, k), settings)
-        ends[m] = length, np.hypot(sigma, settings.tolerance_m), scale, knee, MOST_END_COST
+        sigma, scale, _ = _spread(length, _usual_curvature(prior, m, k), settings)
+        ends[m] = length, np.hypot(sigma, settings.tolerance_m), scale, MOST_END_COST
     return ends
 
 

@@ -1,8 +1,9 @@
 """The cheapest chain of points in each frame: a second-order search over pairs of points, with its max-marginals.
 
 A state is a pair: point j is marker m and the marker seen before it, m - g, is point i. The cost of the next pair
-depends on both, by the angle in which the cable turns. Only pairs whose distance the cable allows are made, and only
-while they can still belong to a chain that is within `CAP` of the best.
+depends on both, by the angle in which the cable turns. Only steps whose distance the cable allows are listed; what the
+rest of a chain costs at least, whatever its angles, follows from them, so that only those pairs are made which can
+belong to a chain that is within `CAP` of the best.
 """
 
 from __future__ import annotations
@@ -20,22 +21,22 @@ CAP = 8.0
 MOST_POINTS = 200
 """Points within the cable's reach in one frame; with more, the frame is left unsorted."""
 MOST_PAIRS = 20_000
-"""Pairs kept of one frame; a search that needs more is in doubt everywhere."""
+MOST_STEPS = 100_000
+"""Pairs, and steps from a marker to a next one, kept of one frame; a frame that has more is in doubt everywhere."""
 FAR = 1e9
 NONE = -1
 BEFORE, POINT, AT, STEP, NEXT, BACK = range(6)
 """Columns of a pair: its two points, the second one's marker, the step to it, the next pair with the same second point
 as the same marker, and the pair before it in the cheapest chain that ends with it."""
-FORWARD, BACKWARD, OWN, CLOSING = range(4)
-"""Costs of a pair: of the cheapest chain up to it and from it on, of itself, of a chain that ends with it."""
+FORWARD, BACKWARD, OWN = range(3)
+"""Costs of a pair: of the cheapest chain up to it and from it on, and of itself."""
 
 
 @compiled
-def bend_cost(x: float, sigma: float, scale: float, knee: float) -> float:
-    """Return the nats that a distance shorter than the cable by x costs: normal about 0, exponential beyond a knee."""
-    if x <= knee:
-        return 0.5 * x * x / (sigma * sigma)
-    return x / scale - 0.5 * sigma * sigma / (scale * scale)
+def bend_cost(short_m: float, weight: float, slope: float, knee_m: float) -> float:
+    """Return the nats that a distance shorter than the cable costs: a parabola, beyond a knee a straight line."""
+    curved = min(short_m, knee_m)
+    return float(weight * curved * curved + slope * (short_m - curved))
 
 
 @compiled
@@ -61,30 +62,6 @@ def measure_pairs(place: Floats, n: int, distance: Floats, way: Floats) -> None:
             scale = 1.0 / max(length, 1e-9)
             way[i, j, 0], way[i, j, 1], way[i, j, 2] = x * scale, y * scale, z * scale
             way[j, i, 0], way[j, i, 1], way[j, i, 2] = -x * scale, -y * scale, -z * scale
-
-
-@compiled
-def follow_cheapest(n: int, distance: Floats, way: Floats, spans: Floats, turns: Floats, hidden: Floats) -> float:
-    """Return the cost of the chain from the anchor (place n) that takes the cheapest step each time."""
-    m, come, before, j, cost = 0, 0, NONE, n, 0.0
-    while m < len(hidden) - 1:
-        least, step, point = hidden[m], 0, NONE
-        for g in range(1, min(MOST_GAP, len(hidden) - 1 - m) + 1):
-            for c in range(n):
-                apart = distance[j, c]
-                if apart < spans[m + g, g, 4] or apart > spans[m + g, g, 5] or c in (j, before):
-                    continue
-                span = spans[m + g, g]
-                taken = span[6] + turns[m, come, g, 1] + bend_cost(span[0] - apart, span[1], span[2], span[3])
-                if come > 0:
-                    taken += turn_cost(way, before, j, c, turns[m, come, g, 0])
-                if taken < least:
-                    least, step, point = taken, g, c
-        cost += least
-        if point == NONE:
-            break
-        before, j, m, come = j, point, m + step, step
-    return cost
 
 
 @compiled
@@ -115,11 +92,100 @@ def gather_points(
 
 
 @compiled
-def closing_cost(apart: float, sigma_m: float, end: Floats) -> float:
-    """Return the nats that the distance from the last marker to the cable's end costs."""
-    sigma = np.sqrt(end[1] * end[1] + sigma_m * sigma_m)
-    scale = end[2] if apart < end[0] else sigma
-    return float(min(bend_cost(abs(end[0] - apart), sigma, scale, sigma * sigma / scale), end[4]))
+def close_chains(n: int, end_sigma_m: float, distance: Floats, ends: Floats, hidden: Floats, closing: Floats) -> None:
+    """Fill what it costs (k + 1, n) that a point is the last marker seen: those hidden, the distance to the end."""
+    for m in range(len(hidden)):
+        closing[m, : n + 1] = hidden[m]
+        if end_sigma_m >= 0 and m > 0:
+            variance = ends[m, 1] * ends[m, 1] + end_sigma_m * end_sigma_m
+            for j in range(n):
+                short = ends[m, 0] - distance[j, n + 1]
+                scale = ends[m, 2] if short > 0 else np.sqrt(variance)
+                closing[m, j] += min(bend_cost(abs(short), 0.5 / variance, 1.0 / scale, variance / scale), ends[m, 3])
+
+
+@compiled
+def sort_neighbours(n: int, distance: Floats, near: Ints, near_m: Floats) -> None:
+    """List for each of n + 1 places the n points by distance, and these distances."""
+    for j in range(n + 1):
+        for c in range(n):
+            apart, at = distance[j, c], c
+            while at > 0 and near_m[j, at - 1] > apart:
+                near_m[j, at], near[j, at] = near_m[j, at - 1], near[j, at - 1]
+                at -= 1
+            near_m[j, at], near[j, at] = apart, c
+
+
+@compiled
+def list_steps(
+    n: int,
+    distance: Floats,
+    near: Ints,
+    near_m: Floats,
+    spans: Floats,
+    reach_m: Floats,
+    closing: Floats,
+    steps: Ints,
+    own: Floats,
+    ahead: Floats,
+    first: Ints,
+) -> int:
+    """List the steps from each point as each marker to a next one; return how many there are.
+
+    The steps from point j as marker m are those of index ``first[m, j]`` to ``first[m, j + 1]``, each with its gap,
+    its point and its cost; ``ahead[m, j]`` is the least cost of all that can follow.
+    """
+    count = 0
+    for m in range(len(reach_m) - 1, -1, -1):
+        start = n if m == 0 else 0
+        for j in range(start, n + 1 if m == 0 else n):
+            first[m, j], ahead[m, j] = count, FAR
+            if distance[n, j] > reach_m[m]:
+                continue
+            least, at = closing[m, j], 0
+            for g in range(1, min(MOST_GAP, len(reach_m) - 1 - m) + 1):
+                to = m + g
+                length, weight, slope, knee = spans[to, g, 0], spans[to, g, 1], spans[to, g, 2], spans[to, g, 3]
+                low, high, constant, turn = spans[to, g, 4], spans[to, g, 5], spans[to, g, 6], spans[to, g, 7]
+                while at > 0 and near_m[j, at - 1] >= low:
+                    at -= 1
+                while at < n and near_m[j, at] < low:
+                    at += 1
+                for place in range(at, n):
+                    if near_m[j, place] > high or count == MOST_STEPS:
+                        break
+                    c = near[j, place]
+                    if c == j or ahead[to, c] == FAR:
+                        continue
+                    cost = constant + bend_cost(length - near_m[j, place], weight, slope, knee)
+                    least = min(least, cost + turn + ahead[to, c])
+                    own[count], steps[count, 0], steps[count, 1] = cost, g, c
+                    count += 1
+            ahead[m, j] = least
+        first[m, n if m > 0 else n + 1] = count
+    return count
+
+
+@compiled
+def follow_cheapest(
+    n: int, way: Floats, turns: Floats, closing: Floats, steps: Ints, own: Floats, ahead: Floats, first: Ints
+) -> float:
+    """Return the cost of the chain from the anchor (place n) that takes, each time, what seems the cheapest step."""
+    m, come, before, j, cost = 0, 0, NONE, n, 0.0
+    while True:
+        least, taken, chosen = closing[m, j], 0.0, NONE
+        for s in range(first[m, j], first[m, j + 1]):
+            g, c = steps[s, 0], steps[s, 1]
+            step = own[s] + turns[m, come, g, 1]
+            if come > 0:
+                step += turn_cost(way, before, j, c, turns[m, come, g, 0])
+            if step + ahead[m + g, c] < least and c != before:
+                least, taken, chosen = step + ahead[m + g, c], step, s
+        if chosen == NONE:
+            return float(cost + closing[m, j])
+        cost += taken
+        before, j, come = j, steps[chosen, 1], steps[chosen, 0]
+        m += come
 
 
 @compiled
@@ -160,53 +226,29 @@ def add_pair(n_pairs: int, before: int, point: int, at: int, step: int, origin: 
 
 
 @compiled
-def start_pairs(
-    n: int,
-    anchored: bool,
-    distance: Floats,
-    spans: Floats,
-    turns: Floats,
-    hidden: Floats,
-    head: Ints,
-    pairs: Ints,
-    costs: Floats,
-) -> int:
-    """Make the pairs from the anchor (place n) to each point in reach, or to any point if there is no anchor."""
+def start_anywhere(n: int, hidden: Floats, head: Ints, pairs: Ints, costs: Floats) -> int:
+    """Make each point a start of chains, as one of the first markers; return how many pairs there are."""
     n_pairs = 0
     for g in range(1, min(MOST_GAP, len(hidden) - 1) + 1):
-        span = spans[g, g]
         for c in range(n):
-            cost = hidden[0] - hidden[g - 1]
-            if anchored:
-                if distance[n, c] < span[4] or distance[n, c] > span[5]:
-                    continue
-                cost = turns[0, 0, g, 1] + span[6] + bend_cost(span[0] - distance[n, c], span[1], span[2], span[3])
-            add_pair(n_pairs, n, c, g, g if anchored else 0, NONE, head, pairs)
-            costs[n_pairs, FORWARD] = costs[n_pairs, OWN] = cost
+            add_pair(n_pairs, n, c, g, 0, NONE, head, pairs)
+            costs[n_pairs, FORWARD] = costs[n_pairs, OWN] = hidden[0] - hidden[g - 1]
             n_pairs += 1
     return n_pairs
 
 
 @compiled
-def close_chains(
-    first: int,
-    last: int,
-    end_m: int,
-    end_sigma_m: float,
-    distance: Floats,
-    ends: Floats,
-    hidden: Floats,
-    pairs: Ints,
-    costs: Floats,
-) -> float:
-    """Fill what a chain costs that ends with each of some pairs; return the least cost of a whole chain."""
-    best = FAR
-    for p in range(first, last):
-        costs[p, CLOSING] = hidden[pairs[p, AT]]
-        if end_sigma_m >= 0:
-            costs[p, CLOSING] += closing_cost(distance[pairs[p, POINT], end_m], end_sigma_m, ends[pairs[p, AT]])
-        best = min(best, costs[p, FORWARD] + costs[p, CLOSING])
-    return best
+def start_at_anchor(
+    n: int, turns: Floats, steps: Ints, own: Floats, first: Ints, head: Ints, pairs: Ints, costs: Floats
+) -> int:
+    """Make the pairs from the anchor (place n) to each first marker; return how many there are."""
+    n_pairs = 0
+    for s in range(first[0, n], first[0, n + 1]):
+        g = steps[s, 0]
+        add_pair(n_pairs, n, steps[s, 1], g, g, NONE, head, pairs)
+        costs[n_pairs, FORWARD] = costs[n_pairs, OWN] = own[s] + turns[0, 0, g, 1]
+        n_pairs += 1
+    return n_pairs
 
 
 @compiled
@@ -214,49 +256,49 @@ def make_pairs(
     n: int,
     n_pairs: int,
     bound: float,
-    end_sigma_m: float,
-    distance: Floats,
     way: Floats,
-    spans: Floats,
     turns: Floats,
-    ends: Floats,
-    hidden: Floats,
+    closing: Floats,
+    steps: Ints,
+    own: Floats,
+    ahead: Floats,
+    first: Ints,
     head: Ints,
     pairs: Ints,
     costs: Floats,
 ) -> int:
-    """Continue chains by all pairs that can be within `CAP` of the best; return how many pairs there are.
+    """Continue chains by all pairs that can belong to one of a cost up to `bound`; return how many pairs there are.
 
-    They are made in order of their first marker, so that all pairs into a marker are there when it is left. `bound` is
-    the cost of some whole chain, and `CAP`.
+    They are made in order of their first marker, so that all pairs into a marker are there when it is left.
     """
-    k = len(hidden) - 1
-    for m in range(1, k):
+    for m in range(1, len(head) - 1):
         for j in range(n):
             if head[m, j] == NONE:
                 continue
-            first = n_pairs
-            for g in range(1, min(MOST_GAP, k - m) + 1):
-                span = spans[m + g, g]
-                for c in range(n):
-                    apart = distance[j, c]
-                    if apart < span[4] or apart > span[5] or c == j:
-                        continue
-                    cost = span[6] + bend_cost(span[0] - apart, span[1], span[2], span[3])
-                    least, origin = find_origin(pairs, costs, head[m, j], c, g, bound - cost, way, turns[m])
-                    if origin == NONE or n_pairs == MOST_PAIRS:
-                        continue
-                    add_pair(n_pairs, j, c, m + g, g, origin, head, pairs)
-                    costs[n_pairs, FORWARD], costs[n_pairs, OWN] = least + cost, cost
-                    n_pairs += 1
-            whole = close_chains(first, n_pairs, n + 1, end_sigma_m, distance, ends, hidden, pairs, costs)
-            bound = min(bound, whole + CAP)
+            for s in range(first[m, j], first[m, j + 1]):
+                g, c = steps[s, 0], steps[s, 1]
+                rest = own[s] + ahead[m + g, c]
+                least, origin = find_origin(pairs, costs, head[m, j], c, g, bound - rest, way, turns[m])
+                if origin == NONE or n_pairs == MOST_PAIRS:
+                    continue
+                add_pair(n_pairs, j, c, m + g, g, origin, head, pairs)
+                costs[n_pairs, FORWARD], costs[n_pairs, OWN] = least + own[s], own[s]
+                n_pairs += 1
+                bound = min(bound, least + own[s] + closing[m + g, c] + CAP)
     return n_pairs
 
 
 @compiled
 def weigh_states(
-    n_pairs: int, best: float, way: Floats, turns: Floats, head: Ints, pairs: Ints, costs: Floats, through: Floats
+    n_pairs: int,
+    best: float,
+    way: Floats,
+    turns: Floats,
+    closing: Floats,
+    head: Ints,
+    pairs: Ints,
+    costs: Floats,
+    through: Floats,
 ) -> None:
     """Fill the cost (k + 1, n + 1) of the best chain in which a marker has each point, and in the last column none."""
     k, none = through.shape[0] - 1, through.shape[1] - 1
@@ -270,7 +312,7 @@ def weigh_states(
         for q in range(first + 1, m):
             through[q, none] = min(through[q, none], whole)
         for q in range(m + 1, k + 1):
-            through[q, none] = min(through[q, none], costs[p, FORWARD] + costs[p, CLOSING])
+            through[q, none] = min(through[q, none], costs[p, FORWARD] + closing[m, c])
         q = head[first, pairs[p, BEFORE]] if first > 0 else NONE
         while q != NONE:
             come, before = pairs[q, STEP], pairs[q, BEFORE]
@@ -313,7 +355,7 @@ def search_chains(
     turns: Floats,
     ends: Floats,
     hidden: Floats,
-    reach_m: float,
+    reach_m: Floats,
     slot: Indices,
     margin: Floats32,
 ) -> None:
@@ -336,10 +378,13 @@ def search_chains(
     k, most = len(hidden) - 1, MOST_POINTS + 2
     place, index = np.zeros((most, 3)), np.empty(most, np.int64)
     distance, way, through = np.empty((most, most)), np.empty((most, most, 3)), np.empty((k + 1, most))
+    near, near_m = np.empty((most, most), np.int64), np.empty((most, most))
+    closing, ahead, first = np.empty((k + 1, most)), np.empty((k + 1, most)), np.empty((k + 1, most), np.int64)
+    steps, own = np.empty((MOST_STEPS, 2), np.int64), np.empty(MOST_STEPS)
     head, pairs, costs = (
         np.empty((k + 1, most), np.int64),
         np.empty((MOST_PAIRS, 6), np.int64),
-        np.empty((MOST_PAIRS, 4)),
+        np.empty((MOST_PAIRS, 3)),
     )
     for frame in range(len(offsets) - 1):
         slot[frame, :], margin[frame, :] = NONE, 0.0
@@ -347,26 +392,31 @@ def search_chains(
         if not (anchored or is_free[frame]):
             continue
         rows = offsets[frame], offsets[frame + 1]
-        n = gather_points(points_m, usable, rows[0], rows[1], anchor_m[frame], reach_m, place, index)
+        n = gather_points(points_m, usable, rows[0], rows[1], anchor_m[frame], reach_m[k], place, index)
         if n > MOST_POINTS:
             continue
-        sigma_m = end_sigma_m[frame] if np.isfinite(end_m[frame]).all() else -1.0
         place[n], place[n + 1] = anchor_m[frame], end_m[frame]
         measure_pairs(place, n + 2, distance, way)
+        sigma_m = end_sigma_m[frame] if np.isfinite(end_m[frame]).all() else -1.0
+        close_chains(n, sigma_m, distance, ends, hidden, closing)
+        sort_neighbours(n, distance, near, near_m)
+        n_steps = list_steps(n, distance, near, near_m, spans, reach_m, closing, steps, own, ahead, first)
         head[:, :n] = NONE
-        n_pairs = start_pairs(n, anchored, distance, spans, turns, hidden, head, pairs, costs)
-        bound = CAP + min(hidden[0], close_chains(0, n_pairs, n + 1, sigma_m, distance, ends, hidden, pairs, costs))
+        bound = hidden[0] + CAP
         if anchored:
-            bound = min(bound, follow_cheapest(n, distance, way, spans, turns, hidden) + ends[0, 4] + CAP)
-        n_pairs = make_pairs(n, n_pairs, bound, sigma_m, distance, way, spans, turns, ends, hidden, head, pairs, costs)
+            n_pairs = start_at_anchor(n, turns, steps, own, first, head, pairs, costs)
+            bound = min(bound, follow_cheapest(n, way, turns, closing, steps, own, ahead, first) + CAP)
+        else:
+            n_pairs = start_anywhere(n, hidden, head, pairs, costs)
+        n_pairs = make_pairs(n, n_pairs, bound, way, turns, closing, steps, own, ahead, first, head, pairs, costs)
         best, last = hidden[0], NONE
         for p in range(n_pairs):
-            costs[p, BACKWARD] = costs[p, CLOSING]
-            if costs[p, FORWARD] + costs[p, CLOSING] < best:
-                best, last = costs[p, FORWARD] + costs[p, CLOSING], p
+            costs[p, BACKWARD] = closing[pairs[p, AT], pairs[p, POINT]]
+            if costs[p, FORWARD] + costs[p, BACKWARD] < best:
+                best, last = costs[p, FORWARD] + costs[p, BACKWARD], p
         through[:, : n + 1] = FAR
         through[:, n] = hidden[0]
-        weigh_states(n_pairs, best, way, turns, head, pairs, costs, through[:, : n + 1])
+        weigh_states(n_pairs, best, way, turns, closing, head, pairs, costs, through[:, : n + 1])
         read_chain(pairs, last, through[:, : n + 1], best, index, slot[frame], margin[frame])
-        if n_pairs == MOST_PAIRS:
+        if n_pairs == MOST_PAIRS or n_steps == MOST_STEPS:
             margin[frame, :] = 0.0
