@@ -11,6 +11,8 @@ from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
+from bench.analysis.drift_shape import CycleShapes, ShapeDistances, gather_shapes, measure_distances
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.estimators import ESTIMATORS, get_estimator
 from bench.analysis.following import follow_marker
@@ -45,6 +47,7 @@ from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
 __all__ = [
     "ESTIMATORS",
+    "FEWEST_VALUES",
     "SORTERS",
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
@@ -57,6 +60,7 @@ __all__ = [
     "CurveEstimator",
     "CycleBends",
     "CycleFollower",
+    "CycleShapes",
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
@@ -64,6 +68,7 @@ __all__ = [
     "Gaps",
     "HandEye",
     "HiddenStretch",
+    "LevelChange",
     "MarkerPlaces",
     "MarkerReason",
     "MotionOffset",
@@ -74,6 +79,8 @@ __all__ = [
     "RigidTransform",
     "RobotSigns",
     "SegmentClock",
+    "SeriesDrift",
+    "ShapeDistances",
     "SortSettings",
     "SortedMarkers",
     "Sorter",
@@ -85,6 +92,7 @@ __all__ = [
     "align_by_echo",
     "centre_of_labeled",
     "count_cycles",
+    "describe_drift",
     "describe_source",
     "estimate_clamp_direction",
     "estimate_motion_offset",
@@ -104,6 +112,7 @@ __all__ = [
     "follow_beyond_gaps",
     "follow_marker",
     "gather_positions",
+    "gather_shapes",
     "get_estimator",
     "get_sorter",
     "interpolate_curve",
@@ -115,6 +124,7 @@ __all__ = [
     "make_gates",
     "map_by_phase",
     "match_body",
+    "measure_distances",
     "measure_marker_places",
     "measure_travel",
     "phase_from_path",
