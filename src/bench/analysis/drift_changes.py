@@ -1,7 +1,8 @@
 """Lasting changes and slow trends in a series of one value for each cycle, with a known rate of false alarms.
 
-The series is described as a level, a straight line and steps. Part after part is taken in, each time the one that
-explains most, until none stands out of what the series does by itself.
+The series is described as a level and steps, with or without a straight line. Step after step is taken in, each time
+the one that explains most, until none stands out of what the series does by itself; of the two descriptions the one
+that says most in fewest parts is kept.
 
 The null hypothesis is a stationary series whose values may be correlated over up to an eleventh of its length: noise is
 measured on the differences of neighbouring means at all scales up to that, and the largest counts. What wanders more
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.arrays import Floats, Ints
+from bench.analysis.arrays import Floats
 
 __all__ = ["FEWEST_VALUES", "LevelChange", "SeriesDrift", "describe_drift"]
 
@@ -80,25 +81,58 @@ def describe_drift(values: Floats) -> SeriesDrift:
     """
     known = np.flatnonzero(np.isfinite(values))
     series, place = _without_outliers(values[known]), known.astype(np.float64)
+    models = [_Model(series, place, _find_steps(series, place, has_line), has_line) for has_line in (False, True)]
+    models = [model for model in models if model.is_sound]
+    noise = min(_measure_noise(model.rest) for model in models)
+    best = min(models, key=lambda model: model.cost(noise))
+    line = _Model(series, place, best.steps, has_line=True)
+    fitted = np.full(len(values), np.nan)
+    fitted[known] = series - best.rest
+    changes = [LevelChange(int(known[at]), *best.size_of(i)) for i, at in enumerate(best.steps)]
+    return SeriesDrift(changes, line.slope, line.slope_sigma, best.has_line, fitted)
+
+
+class _Model:
+    """Level, steps and perhaps a straight line, fitted to a series."""
+
+    def __init__(self, series: Floats, place: Floats, steps: list[int], has_line: bool) -> None:
+        self.steps, self.has_line = steps, has_line
+        design = _design(place, steps, has_line)
+        self._size = np.linalg.lstsq(design, series, rcond=None)[0]
+        self.rest = series - design @ self._size
+        bounds = list(zip([0, *steps], [*steps, len(series)], strict=True))
+        noise = [_measure_noise(self.rest[low:high]) for low, high in bounds]
+        self._error = [one / np.sqrt(high - low) for one, (low, high) in zip(noise, bounds, strict=True)]
+        self.slope = float(self._size[-1])
+        self.slope_sigma = float(max(noise) * np.sqrt(np.linalg.inv(design.T @ design)[-1, -1]))
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether a line, if there is one, stands out of the noise."""
+        return not self.has_line or abs(self.slope) > _limit(len(self.rest)) * self.slope_sigma
+
+    def cost(self, noise: float) -> float:
+        """Return what is left unexplained, and what each part must explain at least: the less the better."""
+        parts = len(self.steps) + self.has_line
+        return float(self.rest @ self.rest) + parts * (_limit(len(self.rest)) * noise) ** 2
+
+    def size_of(self, i: int) -> tuple[float, float]:
+        """Return the size of a step and its standard deviation."""
+        return float(self._size[1 + i]), float(np.hypot(self._error[i], self._error[i + 1]))
+
+
+def _find_steps(series: Floats, place: Floats, has_line: bool) -> list[int]:
+    """Take in step after step, each time the one that explains most, until none stands out."""
     steps: list[int] = []
-    has_line = False
     while len(steps) < MOST_CHANGES:
-        model = _design(place, steps, has_line)
-        rest = series - model @ np.linalg.lstsq(model, series, rcond=None)[0]
+        design = _design(place, steps, has_line)
+        rest = series - design @ np.linalg.lstsq(design, series, rcond=None)[0]
         rest[np.abs(rest) < ROUNDING * np.abs(series).max()] = 0.0
-        at, step_score = _find_step(rest, steps)
-        line_score = 0.0 if has_line else _score_line(rest, place, model)
-        if line_score > step_score:
-            has_line = True
-        elif step_score > 0.0:
-            steps = sorted([*steps, at])
-        else:
+        at = _find_step(rest, steps)
+        if at < 0:
             break
-    found = _fit(values, known, series, steps, has_line)
-    # a line that was taken in for the sum of several steps has nothing left to explain beside them
-    if has_line and abs(found.slope) <= _limit(len(series)) * found.slope_sigma:
-        found = _fit(values, known, series, steps, has_line=False)
-    return found
+        steps = sorted([*steps, at])
+    return steps
 
 
 def _without_outliers(series: Floats) -> Floats:
@@ -138,12 +172,12 @@ def _design(place: Floats, steps: list[int], has_line: bool) -> Floats:
     return np.stack(columns, axis=1)
 
 
-def _find_step(rest: Floats, steps: list[int]) -> tuple[int, float]:
-    """Return where the residual's best step is, and what it explains (root of a sum of squares): 0 if it is noise.
+def _find_step(rest: Floats, steps: list[int]) -> int:
+    """Return where the step is that explains most of the residual, -1 if none stands out.
 
     Each stretch between two steps has its own noise: a cable that has changed may scatter more than before.
     """
-    best, score = 0, 0.0
+    best, score = -1, 0.0
     for low, high in zip([0, *steps], [*steps, len(rest)], strict=True):
         n = high - low
         if n < FEWEST_VALUES:
@@ -153,32 +187,4 @@ def _find_step(rest: Floats, steps: list[int]) -> tuple[int, float]:
         largest = float(explained.max())
         if largest > max(score, _limit(n) * _measure_noise(part)):
             best, score = low + 1 + int(explained.argmax()), largest
-    return best, score
-
-
-def _score_line(rest: Floats, place: Floats, model: Floats) -> float:
-    """Return what a straight line explains besides the model, likewise."""
-    own = place - model @ np.linalg.lstsq(model, place, rcond=None)[0]
-    explained = float(abs(own @ rest) / np.sqrt(own @ own))
-    return explained if explained > _limit(len(rest)) * _measure_noise(rest) else 0.0
-
-
-def _fit(values: Floats, known: Ints, series: Floats, steps: list[int], has_line: bool) -> SeriesDrift:
-    place = known.astype(np.float64)
-    model = _design(place, steps, has_line=True)
-    size = np.linalg.lstsq(model, series, rcond=None)[0]
-    bounds = list(zip([0, *steps], [*steps, len(series)], strict=True))
-    rest = series - model @ size
-    noise = [_measure_noise(rest[low:high]) for low, high in bounds]
-    slope, slope_sigma = float(size[-1]), float(max(noise) * np.sqrt(np.linalg.inv(model.T @ model)[-1, -1]))
-    if not has_line:
-        model = model[:, :-1]
-        size = np.linalg.lstsq(model, series, rcond=None)[0]
-    fitted = np.full(len(values), np.nan)
-    fitted[known] = model @ size
-    error = [one / np.sqrt(high - low) for one, (low, high) in zip(noise, bounds, strict=True)]
-    changes = [
-        LevelChange(int(known[at]), float(size[1 + i]), float(np.hypot(error[i], error[i + 1])))
-        for i, at in enumerate(steps)
-    ]
-    return SeriesDrift(changes, slope, slope_sigma, has_line, fitted)
+    return best
