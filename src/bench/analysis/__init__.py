@@ -9,6 +9,8 @@ from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, m
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
+from bench.analysis.chain import sort_by_chain
+from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
@@ -84,12 +86,14 @@ __all__ = [
     "SortSettings",
     "SortedMarkers",
     "Sorter",
+    "SpacingCalibration",
     "SpacingGates",
     "StaticMarker",
     "SwitchTimes",
     "Travel",
     "align_by_arrival",
     "align_by_echo",
+    "calibrate_spacing",
     "centre_of_labeled",
     "count_cycles",
     "describe_drift",
@@ -133,6 +137,7 @@ __all__ = [
     "place_end",
     "refine_starts",
     "see_lamp",
+    "sort_by_chain",
     "sort_by_paper",
     "spread_frames",
     "summarise_cycles",

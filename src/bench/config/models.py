@@ -277,7 +277,10 @@ class CableConfig(Section):
 class AnalysisConfig(Section):
     """Methods and limits of the report."""
 
-    sorting: Literal["auto", "paper"] = Field("auto", description="'paper': the greedy chain of the paper.")
+    sorting: Literal["auto", "chain", "paper"] = Field(
+        "auto",
+        description="'chain': the most probable chain, each frame by itself; 'paper': the greedy chain of the paper.",
+    )
     curvature: Literal["auto", "spline"] = Field("auto", description="'spline': the paper's cubic spline.")
     cycles: Literal["auto", "whole"] = Field(
         "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."
