@@ -20,7 +20,7 @@ class MethodNote:
 
 SORTING = {
     "chain": "The most probable chain of points in each frame by itself: by distances and turning angles, which are "
-    "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden marker can take "
+    "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden one can take "
     "its place: with 5 % of the markers hidden and two ghosts in each simulated frame that costs up to 1 % of the "
     "frames, with 10 % and four ghosts beside the cable up to 5 %. Frames in which two chains are nearly as probable "
     "are marked.",
