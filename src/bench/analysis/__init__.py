@@ -24,6 +24,7 @@ from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
 from bench.analysis.drift_shape import CycleShapes, ShapeDistances, gather_shapes, measure_distances
+from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
@@ -149,6 +150,7 @@ __all__ = [
     "find_largest_bend",
     "find_static_marker",
     "find_tighter",
+    "fit_elastica",
     "fit_hand_eye",
     "fit_menger_gp",
     "fit_rigid",
