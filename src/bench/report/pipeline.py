@@ -14,6 +14,7 @@ from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
+from bench.report.drift import find_drift
 from bench.report.ends import compare_last_marker, find_cable_ends, find_up_axis
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
@@ -123,6 +124,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         ],
         method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
         ends=ends.columns(len(frames)),
+        drift=find_drift(placed, traced, cycles, config.analysis.marker_noise_mm),
         analysis_s=time.perf_counter() - begin,
     )
 
