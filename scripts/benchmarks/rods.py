@@ -63,8 +63,8 @@ def measure_rods() -> list[Row]:
             biases[name], inside[name] = judge(rods, fit)
         radius = 1e3 / rods.curvature_per_m.max()
         what = f"clamped cable, EI {stiffness:g} N m² (to {radius:.0f} mm): peak wrong by %"
-        for name in ("menger_gp", "elastica", RECOMMENDED):
-            rows.append(ratio_row(f"{what}, {name}", abs(biases[name]), abs(biases[PAPER]), PAPER))
+        ours = [name for name in ESTIMATORS if name != PAPER]
+        rows += [ratio_row(f"{what}, {name}", abs(biases[name]), abs(biases[PAPER]), PAPER) for name in ours]
         rows.append(Row("  its band holds the truth, of all places", f"{inside[RECOMMENDED]:.1%}", "90-99 %", "-"))
     return [*rows, measure_speed(make_rods(0.005))]
 
