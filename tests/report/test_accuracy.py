@@ -14,7 +14,6 @@ from bench.analysis import ESTIMATORS, Circle, CurveEstimate, SampledShape, Stra
 from bench.errors import AnalysisError, RecordingExistsError
 from bench.recording import open_run
 from bench.report.accuracy import (
-    ACCURACY_PAGE,
     describe_template,
     explain_skipped,
     judge_noise,
@@ -126,12 +125,8 @@ def test_tables_and_page_of_the_study(study, tmp_path):
     reference = RESULTS_PAGE.read_text("utf-8")
     names = [*table.column_names, *summary]
     assert [name for name in names if f"`{name}`" not in reference] == []
-
-
-def test_results_of_a_study_are_never_overwritten(study, tmp_path):
-    (tmp_path / ACCURACY_PAGE).write_text("mine")
-    with pytest.raises(RecordingExistsError, match=r"accuracy\.html exists already"):
-        write_study_page(study, {}, tmp_path)
+    with pytest.raises(RecordingExistsError):
+        write_study_tables(study, {"bench": "0"}, tmp_path)
 
 
 @pytest.fixture(scope="module")
