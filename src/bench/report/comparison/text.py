@@ -24,7 +24,7 @@ def describe_comparison(found: Comparison) -> dict[str, str]:
         "largest distance": _describe_largest(found),
         "compared": f"{say_percent(difference.compared)} of all phases and places",
     }
-    if found.late:
+    if found.late is not None and found.late_s is not None:
         late_ms = say_number(1e3 * found.late_s, 1)
         lines["aligned in time"] = f"the second is {late_ms} ms ({say_number(found.late, 4)} of a cycle) late"
     if found.moved is not None:
