@@ -1,7 +1,8 @@
 """A long recording: read into arrays, how fast and in how much memory, beside the readers of others; and salvaged.
 
-Beside the others by elapsed time, for ours unpacks with a second core where there is one; on one core by processor
-time. Each of our readings is the first of its process, as in `bench report`: pages of memory are new to it.
+By elapsed time, for ours unpacks with a second core where there is one, and on one core by processor time, in which
+what else the machine does is not. Each of our readings is the first of its process, as in `bench report`: pages of
+memory are new to it.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import os
 import subprocess
 import sys
 import time
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -49,10 +52,14 @@ def measure_reading(folder: Path, full: bool) -> list[Row]:
     all_cores, one_core = (_read_apart(path, cores) for cores in ("all", "one"))
     n_messages, unpacked = all_cores["n_messages"], all_cores["unpacked"]
     what = f"reading, {n_messages / 1e6:.2f} million messages: "
-    n_per_s = n_messages / all_cores["elapsed_s"]
-    rows = [
-        ratio_row(what + "messages/s", n_per_s, rate(path, read_messages), "mcap, not decoded"),
-        ratio_row(what + "messages/s", n_per_s, rate(path, decode_messages), "mcap-ros2-support"),
+    rows = []
+    for work, peer in ((read_messages, "mcap, not decoded"), (decode_messages, "mcap-ros2-support")):
+        elapsed_s, cpu_s = time_peer(path, work)
+        rows += [
+            ratio_row(what + "messages/s", n_messages / all_cores["elapsed_s"], N_PEER_MESSAGES / elapsed_s, peer),
+            ratio_row(what + "one core, messages/s", n_messages / one_core["cpu_s"], N_PEER_MESSAGES / cpu_s, peer),
+        ]
+    rows += [
         ratio_row(what + "one core, MB/s unpacked", unpacked / 1e6 / one_core["cpu_s"], MB_PER_S_LIMIT, "limit"),
         ratio_row(what + "peak memory / arrays", all_cores["peak"] / all_cores["kept"], MEMORY_LIMIT, "limit"),
     ]
@@ -139,27 +146,26 @@ def _make_state(rng: np.random.Generator) -> RobotState:
     )
 
 
-def read_messages(path: Path) -> int:
+def read_messages(path: Path) -> None:
     with path.open("rb") as stream:
-        messages = make_reader(stream).iter_messages(topics=TOPICS)
-        return sum(1 for _ in zip(range(N_PEER_MESSAGES), messages, strict=False))
+        deque(islice(make_reader(stream).iter_messages(topics=TOPICS), N_PEER_MESSAGES), maxlen=0)
 
 
-def decode_messages(path: Path) -> int:
+def decode_messages(path: Path) -> None:
     with path.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        messages = reader.iter_decoded_messages(topics=TOPICS)
-        return sum(1 for _ in zip(range(N_PEER_MESSAGES), messages, strict=False))
+        deque(islice(reader.iter_decoded_messages(topics=TOPICS), N_PEER_MESSAGES), maxlen=0)
 
 
-def rate(path: Path, work: Callable[[Path], int]) -> float:
-    """Return messages for each second, the best of three."""
-    best = 0.0
+def time_peer(path: Path, work: Callable[[Path], None]) -> tuple[float, float]:
+    """Return elapsed and processor time of the first `N_PEER_MESSAGES`, of each the best."""
+    times = []
     for _ in range(N_READINGS):
-        begin = time.perf_counter()
-        n = work(path)
-        best = max(best, n / (time.perf_counter() - begin))
-    return best
+        begin_s, cpu_begin_s = time.perf_counter(), time.process_time()
+        work(path)
+        times.append((time.perf_counter() - begin_s, time.process_time() - cpu_begin_s))
+    elapsed_s, cpu_s = zip(*times, strict=True)
+    return min(elapsed_s), min(cpu_s)
 
 
 def measure_own(path: Path, cores: str) -> dict[str, float]:

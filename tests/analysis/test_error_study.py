@@ -86,6 +86,9 @@ def test_an_error_is_measured_as_it_is():
     assert figures.peak_bias == pytest.approx(1 / 1.1 - 1, rel=1e-5)
     assert figures.peak_sd == pytest.approx(0, abs=1e-6)
     assert figures.inside_band == 1.0
+    assert figures.peak_inside_band == 1.0
+    certain = measure_errors(CurveEstimate(value, np.full_like(value, 0.09)), truth)
+    assert certain.peak_inside_band == certain.inside_band == 0.0
     assert figures.unknown == pytest.approx(0.2)
 
 

@@ -25,7 +25,7 @@ from pathlib import Path
 
 from recording_examples import make_frame, make_state, open_writer
 
-from bench.recording import FRAME, ROBOT, open_run
+from bench.recording import FRAME, POINTS, ROBOT, open_run
 from bench.timing import RunClock
 
 STATES_PER_S = 500
@@ -110,6 +110,7 @@ def read_slots(shared: Path) -> tuple[int, int, int, int]:
 def measure_loss(path: Path, shared: Path) -> Loss:
     """Compare what was put with what the unfinished file `path` holds."""
     run = open_run(path)
+    run.load([ROBOT, POINTS])  # fails where a frame is without its points
     number, arrival_ns, frame, late_ns = read_slots(shared)
     last = int(run[ROBOT].arrival_ns[-1]) if len(run[ROBOT].arrival_ns) else arrival_ns - 10**12
     frames = (run[FRAME].frame_number - 1000).tolist()

@@ -97,6 +97,15 @@ def test_no_common_stretch_of_cable_is_said_with_both(first, second):
         compare_runs(first, other)
 
 
+def test_phases_told_by_other_means_are_said(first, second):
+    other = dataclasses.replace(second, methods=second.methods | {"cycles": "whole take, phase by time"})
+    told = dataclasses.replace(
+        first, methods=first.methods | {"cycles": "robot's counter, phase by the robot's register"}
+    )
+    assert any("told by different means" in note for note in compare_runs(told, other).notes)
+    assert not any("told by different means" in note for note in compare_runs(told, told).notes)
+
+
 def test_three_markers_are_too_few(first, second):
     with pytest.raises(TooFewMarkersError, match=r"second\.mcap has 3 markers; at least 4"):
         compare_runs(first, with_markers(second, slice(0, 3)))

@@ -22,6 +22,9 @@ from bench.analysis.comparison import (
 )
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
+from bench.analysis.drift_shape import CycleShapes, ShapeDistances, gather_shapes, measure_distances
+from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
@@ -64,6 +67,7 @@ from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
 __all__ = [
     "ESTIMATORS",
+    "FEWEST_VALUES",
     "SORTERS",
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
@@ -80,6 +84,7 @@ __all__ = [
     "CurveEstimator",
     "CycleBends",
     "CycleFollower",
+    "CycleShapes",
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
@@ -90,6 +95,7 @@ __all__ = [
     "HiddenStretch",
     "KnownShape",
     "LargestBend",
+    "LevelChange",
     "MarkerPlaces",
     "MarkerReason",
     "MotionDifference",
@@ -104,6 +110,8 @@ __all__ = [
     "RobotSigns",
     "SampledShape",
     "SegmentClock",
+    "SeriesDrift",
+    "ShapeDistances",
     "ShapeFit",
     "SortSettings",
     "SortedMarkers",
@@ -126,6 +134,7 @@ __all__ = [
     "check_points",
     "compare_motions",
     "count_cycles",
+    "describe_drift",
     "describe_source",
     "draw_motion",
     "estimate_clamp_direction",
@@ -141,6 +150,7 @@ __all__ = [
     "find_largest_bend",
     "find_static_marker",
     "find_tighter",
+    "fit_elastica",
     "fit_hand_eye",
     "fit_menger_gp",
     "fit_rigid",
@@ -150,6 +160,7 @@ __all__ = [
     "follow_beyond_gaps",
     "follow_marker",
     "gather_positions",
+    "gather_shapes",
     "get_estimator",
     "get_sorter",
     "interpolate_curve",
@@ -162,6 +173,7 @@ __all__ = [
     "make_frames",
     "make_gates",
     "match_body",
+    "measure_distances",
     "measure_errors",
     "measure_marker_places",
     "measure_travel",

@@ -46,6 +46,8 @@ class ClampedEnds:
     """At `length_m`; its tangent points from the clamp into the free cable, against the arc length."""
     length_m: float
     """Arc length of the end from the anchor."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Against gravity, a unit vector in the lab frame; y is the trackers' default."""
 
 
 class CurveEstimator(Protocol):

@@ -47,6 +47,8 @@ class ErrorFigures:
     """Error of a frame's largest curvature, as a share of the true one: mean over the frames."""
     peak_sd: float
     """Its standard deviation over the frames."""
+    peak_inside_band: float
+    """Share of the frames whose largest curvature lies within two of its standard deviations of the true one."""
     inside_band: float
     """Share of all values that lie within two of their standard deviations of the truth."""
     scatter: float
@@ -130,10 +132,11 @@ def measure_errors(curve: CurveEstimate, truth_per_m: Floats) -> ErrorFigures:
     drawn = known.any(axis=1)
     if not drawn.any():
         nothing, radius = np.nan, np.full((3, len(truth_per_m)), np.nan)
-        return ErrorFigures(nothing, nothing, nothing, nothing, nothing, nothing, 1.0, radius)
+        return ErrorFigures(nothing, nothing, nothing, nothing, nothing, nothing, nothing, 1.0, radius)
     with np.errstate(divide="ignore", invalid="ignore"):
         error = np.abs(truth_per_m / value[drawn] - 1.0)
-        peak = np.nanmax(value[drawn], axis=1) / truth_per_m.max() - 1.0
+        off_peak, peak_sigma = _find_peaks(value[drawn], sigma[drawn], truth_per_m)
+        peak = off_peak / truth_per_m.max()
         radius = 1.0 / _quantiles(value, (0.95, 0.5, 0.05))
     bent = truth_per_m.max() > 0
     return ErrorFigures(
@@ -141,11 +144,19 @@ def measure_errors(curve: CurveEstimate, truth_per_m: Floats) -> ErrorFigures:
         rms_radius_error=float(np.median(np.sqrt(np.nanmean(error**2, axis=1)))) if bent else np.nan,
         peak_bias=float(peak.mean()) if bent else np.nan,
         peak_sd=float(peak.std()) if bent else np.nan,
+        peak_inside_band=float((np.abs(off_peak) <= 2 * peak_sigma).mean()),
         inside_band=float((np.abs(value - truth_per_m) <= 2 * sigma)[known].mean()),
         scatter=_scatter(value, sigma),
         unknown=float(1.0 - known.mean()),
         radius_quantiles_m=radius,
     )
+
+
+def _find_peaks(value: Floats, sigma: Floats, truth_per_m: Floats) -> tuple[Floats, Floats]:
+    """Return how far each frame's largest value is above the true one (F,), and its standard deviation (F,)."""
+    place = np.where(np.isfinite(value), value, -np.inf).argmax(axis=1)
+    rows = np.arange(len(value))
+    return value[rows, place] - truth_per_m.max(), sigma[rows, place]
 
 
 def _scatter(value: Floats, sigma: Floats) -> float:

@@ -281,8 +281,10 @@ class AnalysisConfig(Section):
         "auto",
         description="'chain': the most probable chain, each frame by itself; 'paper': the greedy chain of the paper.",
     )
-    curvature: Literal["auto", "menger_gp", "spline"] = Field(
-        "auto", description="'menger_gp': discrete bends, smoothed, with a band; 'spline': the paper's cubic spline."
+    curvature: Literal["auto", "elastica", "menger_gp", "spline"] = Field(
+        "auto",
+        description="'elastica': a heavy rod between both clamps, whose places and directions must be known; "
+        "'menger_gp': discrete bends, smoothed, with a band; 'spline': the paper's cubic spline.",
     )
     cycles: Literal["auto", "whole"] = Field(
         "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."

@@ -9,11 +9,12 @@ import numpy.typing as npt
 
 from bench.analysis import CableEnd, ClampDirection, ClampedEnds, RigidTransform, SortedMarkers, make_gates, place_end
 from bench.config import Calibration, Config, HolderConfig
+from bench.recording import Run
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
 
-__all__ = ["AT_THE_TCP", "CableEnds", "compare_last_marker", "find_cable_ends"]
+__all__ = ["AT_THE_TCP", "CableEnds", "compare_last_marker", "find_cable_ends", "find_up_axis"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -53,9 +54,16 @@ class CableEnds:
             end.tangent_sigma_rad,
         )
 
-    def clamps(self, length_m: float) -> ClampedEnds:
-        """Return what they tell an estimator of the curve."""
-        return ClampedEnds(_on_curve(self.anchor), _on_curve(self.end), length_m)
+    def clamps(self, length_m: float, up_axis: int) -> ClampedEnds:
+        """Return what they tell an estimator of the curve; `up_axis` is the lab frame's vertical."""
+        x, y, z = np.eye(3)[up_axis]
+        return ClampedEnds(_on_curve(self.anchor), _on_curve(self.end), length_m, (x, y, z))
+
+
+def find_up_axis(run: Run) -> int:
+    """Return the lab frame's vertical axis as the tracker names it; y where it does not say."""
+    named = [device.detail.get("up_axis", "") for device in run.devices]
+    return next(("xyz".index(name) for name in named if name in ("x", "y", "z")), 1)
 
 
 def find_cable_ends(start: ChainStart, robot: RobotInLab | None, config: Config) -> CableEnds:

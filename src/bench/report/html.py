@@ -10,12 +10,14 @@ import numpy as np
 from markupsafe import Markup
 
 from bench.model import Severity
+from bench.report.drift_text import describe_drift_section, warn_about_drift
 from bench.report.figures import (
     bend_map_figure,
     completeness_figure,
     cycles_figure,
     cycles_per_group,
     drawable_example,
+    drift_figure,
     example_figure,
     n_points_outside,
 )
@@ -104,9 +106,10 @@ def _context(results: Results) -> dict[str, Any]:
         "captions": _captions(results),
         "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
         "n_odd": len(odd),
+        "drift": describe_drift_section(results),
         "noted": _choose_noted(results.noted),
         "methods": describe_methods(results),
-        "files": FILES,
+        "files": FILES | (DRIFT_FILE if results.drift else {}),
     }
 
 
@@ -116,6 +119,7 @@ FILES = {
     "curvature.parquet": "one row per tracker frame: curvature and its standard deviation along the cable",
     "summary.json": "the numbers of this report's first page, versions and methods",
 }
+DRIFT_FILE = {"drift.parquet": "one row per cycle: how far its shape and largest curvature are from the first cycles"}
 
 
 def _cautions(results: Results, headline: Headline) -> list[str]:
@@ -133,7 +137,7 @@ def _cautions(results: Results, headline: Headline) -> list[str]:
         else ""
     )
     clamps = warn_about_clamps(results) if headline.tightest else ""
-    return [text for text in (undecided, unjudged, clamps, *results.warnings) if text]
+    return [text for text in (undecided, unjudged, *warn_about_drift(results), clamps, *results.warnings) if text]
 
 
 def _figures(results: Results) -> dict[str, Markup]:
@@ -143,6 +147,7 @@ def _figures(results: Results) -> dict[str, Markup]:
         "cycles": cycles_figure,
         "completeness": completeness_figure,
         "bend_map": bend_map_figure,
+        "drift": drift_figure,
     }
     return {name: Markup(make(results)) for name, make in makers.items()}  # noqa: S704 - SVG of our own making
 

@@ -19,16 +19,24 @@ class MethodNote:
 
 
 SORTING = {
-    "chain": "The most probable chain of points in each frame by itself: by the distances between markers, the angles "
-    "in which the cable turns, both ends, and up to three hidden markers in a row. A ghost beside a hidden marker can "
-    "take its place: on a real cable with many ghosts about 97 % of the frames were exact, and 3 % had a wrong label. "
-    "Frames in which two chains are nearly as probable are marked.",
+    "chain": "The most probable chain of points in each frame by itself: by distances and turning angles, which are "
+    "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden one can take "
+    "its place: with 5 % of the markers hidden and two ghosts in each simulated frame that costs up to 1 % of the "
+    "frames, with 10 % and four ghosts beside the cable up to 5 %. Frames in which two chains are nearly as probable "
+    "are marked.",
     "paper": "A greedy chain from the anchor: each next marker is the nearest unused point inside its distance gate. "
     "Exact while every marker is seen and no ghost lies near the cable. On simulated motion with 5 % of the markers "
     "hidden and two ghosts in each frame it was exact in 64 % of the frames, and in 41 % where the cable crossed "
     "itself; a wrong marker shows as a bend that is not there.",
 }
 CURVATURE = {
+    "elastica": "A heavy rod between both clamps: it hangs under its weight, bends with one stiffness for the whole "
+    "recording, and starts in the directions in which it is held. So it knows the bends beside the clamps that no "
+    "marker shows. On simulated clamped rods (markers every 167 mm, 0.2 mm noise, clamps to 0.3 degrees) it read the "
+    "largest curvature to 0.1 % on average where the true smallest radius was 129, 81, 43 and 27 mm, each frame to "
+    "0.2 to 0.5 %, and its band held the truth in 93 to 97 % of places. It is as right as the cable is such a rod at "
+    "rest: strands that slip as it bends, read with one stiffness, gave 9 to 38 % too low; motion above 0.5 m/s a "
+    "range at the clamp 21 % too low. Then it misses the markers, and the report warns.",
     "menger_gp": "Circles through neighbouring markers, and from a clamp's known direction to the next marker, "
     "smoothed as the recording's own frames tell; its band is the posterior's. On a circle of eight markers with "
     "0.2 mm noise the radius errs by 0.1 %, on a catenary of twelve by 14 % where it is flattest, and the band "

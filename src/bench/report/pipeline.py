@@ -14,7 +14,8 @@ from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
-from bench.report.ends import compare_last_marker, find_cable_ends
+from bench.report.drift import find_drift
+from bench.report.ends import compare_last_marker, find_cable_ends, find_up_axis
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -79,9 +80,8 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     in_lab = find_robot(frames, robot, config.calibration.measured)
     exclude_flange_marker(start, frames, in_lab)
     ends = find_cable_ends(start, in_lab, config)
-    traced = trace_cable(
-        list_points(frames, start, placed.row, placed.phase, ends.end), config, ends.clamps(config.cable.length_m)
-    )
+    points, up_axis = list_points(frames, start, placed.row, placed.phase, ends.end), find_up_axis(run)
+    traced = trace_cable(points, config, ends.clamps(config.cable.length_m, up_axis))
     end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
@@ -107,7 +107,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         cycles=cycles,
         phase_grid=(np.arange(n_bins) + 0.5) / n_bins,
         bend_map_per_m=bend_map,
-        example=_choose_example(frames, placed, traced, bend_map, _find_up_axis(run)),
+        example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
@@ -124,6 +124,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         ],
         method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
         ends=ends.columns(len(frames)),
+        drift=find_drift(placed, traced, cycles, config.analysis.marker_noise_mm),
         analysis_s=time.perf_counter() - begin,
     )
 
@@ -152,12 +153,6 @@ def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCa
         curvature_per_m=traced.curve.curvature_per_m,
         sigma_per_m=traced.curve.sigma_per_m,
     )
-
-
-def _find_up_axis(run: Run) -> int:
-    """Return the lab frame's vertical axis as the tracker names it; y where it does not say."""
-    named = [device.detail.get("up_axis", "") for device in run.devices]
-    return next(("xyz".index(name) for name in named if name in ("x", "y", "z")), 1)
 
 
 def _choose_example(

@@ -203,7 +203,7 @@ def estimate(
         return None, str(error)
     if np.isfinite(curve.curvature_per_m).any():
         return curve, ""
-    return None, " ".join(curve.notes) or "It gives no curvature in any frame."
+    return None, " ".join(["It gives no curvature in any frame.", *curve.notes])
 
 
 def _are_equal(one: CurveEstimate, other: CurveEstimate) -> bool:

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis import (
+    TRUSTED_CONFIDENCE,
     CurveEstimator,
     ErrorFigures,
     KnownShape,
@@ -50,7 +51,7 @@ class Template:
     """The size with which the shape fits the markers best; NaN for a shape without one."""
     fit: ShapeFit
     n_complete: int
-    """Frames of the recording with every marker."""
+    """Frames of the recording with every marker, found without doubt."""
     n_frames: int
     """F: those that were measured."""
     placement_m: Floats
@@ -131,9 +132,9 @@ def measure_template(
 
 
 def _complete_frames(results: Results) -> tuple[Floats, int]:
-    """Return frames with every marker (F, k, 3), and how many there are in all."""
+    """Return frames with every marker and no doubt (F, k, 3), and how many there are in all."""
     frames = results.frames
-    complete = np.flatnonzero((frames.source >= 0).all(axis=1)) if frames.source.size else np.zeros(0, dtype=np.int64)
+    complete = np.flatnonzero((frames.source >= 0).all(axis=1) & (frames.confidence >= TRUSTED_CONFIDENCE))
     if not len(complete):
         raise AnalysisError(
             f"No frame of {results.run_path} has every marker: nothing is measured.",

@@ -11,6 +11,12 @@ from bench.report.wording import say_count, say_mm, say_number, say_percent
 
 __all__ = ["describe_template", "explain_unmeasured", "judge_noise", "tabulate_template"]
 
+CURVATURE_CAPTION = (
+    "Radius: largest / rms error along the cable, median over the frames. Largest curvature: mean error ± standard "
+    "deviation, and the frames, in %, whose own interval of ± 2 standard deviations holds it. Tightest: radius that "
+    "5 % of the frames go below somewhere. Scatter: over the frames, as a share of the standard deviation that the "
+    "estimator gives; inside: values within two of them."
+)
 NOISE_RATIO = 1.5
 """Measured and configured noise that differ by more than this make the report's intervals too narrow or too wide."""
 
@@ -55,9 +61,7 @@ def tabulate_template(template: Template) -> list[TextTable]:
     return [
         TextTable(
             "Curvature",
-            "Radius: largest / rms error along the cable, median over the frames. Largest curvature: mean error ± "
-            "standard deviation. Tightest: radius that 5 % of the frames go below somewhere. Scatter: over the frames, "
-            "as a share of the standard deviation that the estimator gives; inside: values within two of them.",
+            CURVATURE_CAPTION,
             ["estimator", "radius %", "largest curvature %", "tightest mm", "scatter", "inside"],
             [_estimator_row(one, one.figures) for one in template.estimators if one.figures],
         ),
@@ -92,4 +96,5 @@ def _mm(value_m: float, digits: int = 2) -> str:
 
 
 def _signed(value_mm: float) -> str:
-    return f"{'+' if value_mm > 0 else ''}{say_number(value_mm, 2)}"
+    rounded = round(value_mm, 2) + 0.0  # no minus before a zero
+    return f"{'+' if rounded > 0 else ''}{say_number(rounded, 2)}"

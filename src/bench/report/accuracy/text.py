@@ -67,7 +67,8 @@ def _tabulate_rods(study: Study, rods: Sequence[Subject]) -> TextTable:
     rows = _rows(study, lambda variant: [study.find(rod.key, "noise", *variant) for rod in rods], say_peak)
     return TextTable(
         "Cables clamped at both ends",
-        "Error of the largest curvature in %: mean ± standard deviation over the frames. R: true smallest radius.",
+        "Error of the largest curvature in %: mean ± standard deviation over the frames; then the frames, in %, whose "
+        "own interval of ± 2 standard deviations holds it. R: true smallest radius.",
         ["estimator", *names],
         rows,
     )
@@ -102,9 +103,9 @@ def say_radius_error(figures: ErrorFigures) -> str:
 
 
 def say_peak(figures: ErrorFigures) -> str:
-    """Return the error of the largest curvature, %: mean and standard deviation."""
+    """Return the error of the largest curvature, %: mean and standard deviation; and the share inside its band, %."""
     sign = "+" if figures.peak_bias > 0 else ""
-    return f"{sign}{_percent(figures.peak_bias)} ± {_percent(figures.peak_sd)}"
+    return f"{sign}{_percent(figures.peak_bias)} ± {_percent(figures.peak_sd)}, {100 * figures.peak_inside_band:.0f}"
 
 
 def _percent(share: float) -> str:

@@ -189,8 +189,11 @@ def _state_markers(first: Results, second: Results, arc: Floats) -> str:
 
 
 def _state_cycles(*runs: Results, phase: Floats) -> list[str]:
-    return [
+    stated = [
         f"{results.run_path}: the median of {len(results.cycles.cycle_index)} cycles at {len(phase)} phases "
         f"({results.methods['cycles']})."
         for results in runs
     ]
+    if len({results.methods["cycles"].rpartition(", ")[2] for results in runs}) > 1:
+        stated.append("Their phases are told by different means: equal phases may be different moments.")
+    return stated
