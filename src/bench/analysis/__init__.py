@@ -40,7 +40,7 @@ from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
-from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend
+from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.radius import BendRadius, bend_radius
@@ -172,6 +172,7 @@ __all__ = [
     "make_ends",
     "make_frames",
     "make_gates",
+    "map_by_phase",
     "match_body",
     "measure_distances",
     "measure_errors",

@@ -92,7 +92,7 @@ def fit_menger_gp(
         and what lies between markers as far as the rest of the recording tells; it does not hold bends beside clamps
         that are shorter than anything the markers show. On a straight cable the magnitude is noise's own: up to two
         standard deviations, never below zero. The residual is how far the markers lie off the curve, across the cable:
-        a part of their noise, and far above it where one is not what it is taken for.
+        a part of their noise. It is far more where markers are dense and one is not what it is taken for.
 
     References
     ----------
