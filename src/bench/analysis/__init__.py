@@ -28,6 +28,7 @@ from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
+from bench.analysis.folds import find_folds
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
@@ -144,6 +145,7 @@ __all__ = [
     "fastest_speed",
     "fill_from_end",
     "find_cycles",
+    "find_folds",
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
