@@ -28,6 +28,7 @@ from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
+from bench.analysis.folds import find_folds
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
@@ -40,7 +41,7 @@ from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
-from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend
+from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.radius import BendRadius, bend_radius
@@ -144,6 +145,7 @@ __all__ = [
     "fastest_speed",
     "fill_from_end",
     "find_cycles",
+    "find_folds",
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
@@ -172,6 +174,7 @@ __all__ = [
     "make_ends",
     "make_frames",
     "make_gates",
+    "map_by_phase",
     "match_body",
     "measure_distances",
     "measure_errors",
