@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Protocol
 
+from bench.analysis.chain import sort_by_chain
 from bench.analysis.gates import SortSettings
 from bench.analysis.markers import PointFrames, SortedMarkers
 from bench.analysis.paper import sort_by_paper
@@ -22,7 +23,7 @@ class Sorter(Protocol):
         ...
 
 
-SORTERS: Mapping[str, Sorter] = MappingProxyType({"paper": sort_by_paper})
+SORTERS: Mapping[str, Sorter] = MappingProxyType({"chain": sort_by_chain, "paper": sort_by_paper})
 """Sorters by the names of `[analysis] sorting`."""
 RECOMMENDED = "paper"
 

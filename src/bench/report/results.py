@@ -46,7 +46,11 @@ class FrameColumns:
     position_m: Floats32
     """(F, k, 3): lab frame, NaN where not found."""
     confidence: Floats32
-    """(F,): 0…1."""
+    """(F,): 0…1, mean of the markers'."""
+    marker_confidence: Floats32
+    """(F, k): 0…1, 0 where not found."""
+    reason: npt.NDArray[np.uint8]
+    """(F, k): `bench.analysis.MarkerReason`, why a marker has its point or none."""
     curvature_per_m: Floats32
     """(F, G): magnitude of the curvature at `Results.arc_length_m`, NaN where no curve could be drawn."""
     sigma_per_m: Floats32
@@ -257,6 +261,8 @@ class Results:
     """The run's log, in order."""
     warnings: list[str] = field(default_factory=list)
     """Sentences about the analysis itself that the reader must know."""
+    method_notes: dict[str, list[str]] = field(default_factory=dict)
+    """By step as in `methods`: why this method, what it learnt from this recording."""
     ends: EndColumns | None = None
     """None where nothing tells more of the ends than the anchor's place."""
     drift: Drift | None = None

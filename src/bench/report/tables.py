@@ -15,6 +15,7 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bench.analysis import MarkerReason
 from bench.errors import RecordingExistsError
 from bench.model import Verdict
 from bench.recording import rename_new
@@ -24,6 +25,7 @@ from bench.report.writing import explain_write
 
 __all__ = [
     "TABLE_FILES",
+    "to_plain",
     "verify_folder_is_free",
     "write_markers",
     "write_summary",
@@ -142,6 +144,8 @@ def _markers(results: Results, rows: slice) -> dict[str, Any]:
         "source": _lists(frames.source[rows]),
         "position_m": _lists(frames.position_m.reshape(len(frames.position_m), 3 * frames.source.shape[1])[rows]),
         "confidence": pa.array(frames.confidence[rows]),
+        "marker_confidence": _lists(frames.marker_confidence[rows]),
+        "reason": _lists(frames.reason[rows]),
     }
 
 
@@ -188,6 +192,7 @@ def _open_writer(path: Path, schema: Any, results: Results) -> Any:
         "methods": json.dumps(results.methods),
         "config_sha256": results.config_sha256,
         "run": results.run_path,
+        "reasons": json.dumps({reason.value: reason.name.lower() for reason in MarkerReason}),
     }
     return pq.ParquetWriter(
         path,
@@ -208,7 +213,7 @@ def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
     bend, calibration = find_tightest_bend(results), results.config.calibration.measured
     row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
-    summary: dict[str, Any] = _jsonable(
+    summary: dict[str, Any] = to_plain(
         {
             "run": results.run_path,
             "outcome": str(results.outcome),
@@ -252,12 +257,12 @@ def _summarise_drift(drift: Drift) -> dict[str, Any]:
     }
 
 
-def _jsonable(value: Any) -> Any:
+def to_plain(value: Any) -> Any:
     """Return plain JSON data; a number that is not finite becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): _jsonable(one) for key, one in value.items()}
+        return {str(key): to_plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [_jsonable(one) for one in value]
+        return [to_plain(one) for one in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value
