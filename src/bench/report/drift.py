@@ -192,9 +192,10 @@ def _find_largest_bend(
     maps = []
     for rows in (before, after):
         frames = np.flatnonzero(traced.trusted & np.isin(placed.row, rows))
-        columns = traced.curve.curvature_per_m, traced.curve.sigma_per_m, placed.row, placed.phase
+        curve = traced.curve.curvature_per_m[frames], traced.curve.sigma_per_m[frames]
         every = np.ones(len(frames), dtype=bool)
-        maps.append(average_by_phase(*(column[frames] for column in columns), every, n_bins).curvature_per_m)
+        mean = average_by_phase(*curve, placed.row[frames], placed.phase[frames], every, n_bins)
+        maps.append(mean.curvature_per_m)
     change = maps[1] - maps[0]
     if not np.isfinite(change).any():
         return float("nan"), float("nan"), float("nan")
