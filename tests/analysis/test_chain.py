@@ -181,6 +181,16 @@ def test_a_room_full_of_points_is_left_unsorted_and_marked() -> None:
     assert np.all(found.source[0] == -1)
 
 
+@pytest.mark.parametrize("n_markers", [1, 2, 3])
+def test_cables_of_few_markers_are_sorted_from_their_anchor(n_markers: int) -> None:
+    cable = replace(CABLE, arc_length_m=ARC_LENGTH_M[:n_markers], length_m=ARC_LENGTH_M[n_markers])
+    still = np.broadcast_to(swing_cable(1)[:, :n_markers], (30, n_markers, 3))
+    scene = make_scene(np.random.default_rng(11), still)
+    found = sort_by_chain(scene.frames(anchor(30)), cable)
+    assert np.array_equal(found.source, scene.source)
+    assert found.notes == []
+
+
 def test_recordings_without_frames_and_cables_without_order() -> None:
     none = list_frames([])
     assert sort_by_chain(none, CABLE).source.shape == (0, N_MARKERS)
