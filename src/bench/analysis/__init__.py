@@ -7,7 +7,7 @@ from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arriva
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
 from bench.analysis.beyond_gaps import follow_beyond_gaps
-from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
+from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
 from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
@@ -45,6 +45,7 @@ from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, 
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.radius import BendRadius, bend_radius
+from bench.analysis.reflections import Reflections, find_reflections
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size, verify_on_shape
 from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
@@ -106,6 +107,7 @@ __all__ = [
     "PointFrames",
     "PoseTrack",
     "PulseOffset",
+    "Reflections",
     "RigidFit",
     "RigidTransform",
     "RobotSigns",
@@ -130,6 +132,7 @@ __all__ = [
     "average_by_phase",
     "average_frames",
     "bend_radius",
+    "bridge_poses",
     "calibrate_spacing",
     "centre_of_labeled",
     "check_points",
@@ -150,6 +153,7 @@ __all__ = [
     "find_hidden_stretches",
     "find_isolated_bends",
     "find_largest_bend",
+    "find_reflections",
     "find_static_marker",
     "find_tighter",
     "fit_elastica",
