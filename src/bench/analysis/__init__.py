@@ -39,6 +39,7 @@ from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
+from bench.analysis.track_sorting import sort_by_track
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
@@ -122,6 +123,7 @@ __all__ = [
     "see_lamp",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_track",
     "spread_frames",
     "summarise_cycles",
     "whole_take",
