@@ -1,6 +1,6 @@
 """The chain search: exact on clean scenes, through hidden markers and ghosts, and never sure where it cannot be."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -8,7 +8,15 @@ from cable_examples import ARC_LENGTH_M, N_MARKERS, Floats, Scene, bend_cable, m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis import MarkerReason, PointFrames, SortSettings, get_sorter, sort_by_chain, sort_by_paper
+from bench.analysis import (
+    MarkerReason,
+    PointFrames,
+    SortSettings,
+    calibrate_spacing,
+    get_sorter,
+    sort_by_chain,
+    sort_by_paper,
+)
 from bench.analysis.chain_costs import ChainPrior, make_costs
 from bench.errors import TooFewMarkersError
 
@@ -16,7 +24,7 @@ SEEDS = st.integers(0, 2**32 - 1)
 CABLE = SortSettings(ARC_LENGTH_M, stretch=0.02, shorten=0.25, tolerance_m=0.004, length_m=ARC_LENGTH_M[-1] + 0.05)
 UNEVEN_M = (0.05, 0.12, 0.23, 0.31, 0.47, 0.60)
 UNEVEN = SortSettings(UNEVEN_M, stretch=0.02, shorten=0.25, tolerance_m=0.004, length_m=0.66)
-MODERATE = settings(max_examples=15, deadline=None)
+MODERATE = settings(max_examples=6, deadline=None)
 
 
 def anchor(n_frames: int) -> Floats:
@@ -181,6 +189,25 @@ def test_a_room_full_of_points_is_left_unsorted_and_marked() -> None:
     assert np.all(found.source[0] == -1)
 
 
+def test_what_was_learnt_of_the_whole_take_sorts_a_few_frames_of_it() -> None:
+    scene = make_scene(np.random.default_rng(12), swing_cable(200), swing_cable(200)[:, :2] + 0.02, 0.1, 2e-4)
+    frames, few = scene.frames(anchor(200)), np.arange(40, 60)
+    known = calibrate_spacing(frames, CABLE)
+    assert np.array_equal(
+        sort_by_chain(frames.take(few), CABLE, known).source, sort_by_chain(frames, CABLE).source[few]
+    )
+
+
+@pytest.mark.parametrize("n_markers", [1, 2, 3])
+def test_cables_of_few_markers_are_sorted_from_their_anchor(n_markers: int) -> None:
+    cable = replace(CABLE, arc_length_m=ARC_LENGTH_M[:n_markers], length_m=ARC_LENGTH_M[n_markers])
+    still = np.broadcast_to(swing_cable(1)[:, :n_markers], (30, n_markers, 3))
+    scene = make_scene(np.random.default_rng(11), still)
+    found = sort_by_chain(scene.frames(anchor(30)), cable)
+    assert np.array_equal(found.source, scene.source)
+    assert found.notes == []
+
+
 def test_recordings_without_frames_and_cables_without_order() -> None:
     none = list_frames([])
     assert sort_by_chain(none, CABLE).source.shape == (0, N_MARKERS)
@@ -197,13 +224,13 @@ def test_the_compiled_search_does_what_its_python_does() -> None:
     costs = make_costs(UNEVEN, ChainPrior.guess(UNEVEN))
     given_start, free = anchor(4), np.array([False, False, True, False])
     given_start[2:] = np.nan
-    end, sigma = np.full((4, 3), np.nan), np.zeros(4)
+    end = np.full((4, 3), np.nan)
     end[1:3] = 0.3
     results = []
     for loop in (chain_search.search_chains, chain_search.search_chains.py_func):
         slot, margin = np.empty((4, len(UNEVEN_M)), dtype=np.int16), np.empty((4, len(UNEVEN_M)), dtype=np.float32)
-        tables = (costs.spans, costs.turns, costs.ends, costs.hidden, costs.reach_m)
-        loop(scene.points_m, scene.offsets, scene.usable, given_start, free, end, sigma, *tables, slot, margin)
+        tables = [getattr(costs, table.name) for table in fields(costs)]
+        loop(scene.points_m, scene.offsets, scene.usable, given_start, free, end, *tables, slot, margin)
         results.append((slot, margin))
     assert np.array_equal(results[0][0], results[1][0])
     assert results[0][1] == pytest.approx(results[1][1], abs=1e-5)

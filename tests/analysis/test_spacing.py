@@ -33,11 +33,11 @@ def test_without_an_anchor_they_count_from_the_first_marker() -> None:
     assert found.arc_length_m[1:] == pytest.approx(0.05 + PLACES_M[1:] - PLACES_M[0], abs=3e-4)
 
 
-def test_frames_in_doubt_or_with_a_hidden_marker_do_not_enter() -> None:
+def test_frames_in_doubt_do_not_enter_and_those_with_hidden_markers_tell_of_the_others() -> None:
     markers, anchor = bend(np.linspace(0.2, 2.0, 100), 0.0)
     usable = np.arange(100) % 2 == 0
     markers[~usable] += np.random.default_rng(1).normal(scale=0.05, size=(50, 5, 3)).astype(np.float32)
-    markers[0, 2] = np.nan
+    markers[np.arange(0, 100, 2), np.arange(50) % 5] = np.nan
     found = measure_marker_places(markers, usable, anchor, 0.0)
     assert found.arc_length_m == pytest.approx(PLACES_M, abs=1e-4)
 
@@ -46,3 +46,9 @@ def test_too_few_frames_are_refused() -> None:
     markers, anchor = bend(np.linspace(0.2, 2.0, 10), 0.0)
     with pytest.raises(AnalysisError, match="in 10 frames"):
         measure_marker_places(markers, np.ones(10, dtype=bool), anchor, 0.0)
+
+
+def test_two_places_have_no_bend_between_them() -> None:
+    markers, anchor = bend(np.linspace(0.2, 2.0, 100), 0.0)
+    with pytest.raises(AnalysisError, match="three places"):
+        measure_marker_places(markers[:, :1], np.ones(100, dtype=bool), anchor, 0.0)

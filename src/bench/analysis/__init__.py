@@ -7,9 +7,10 @@ from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arriva
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
 from bench.analysis.beyond_gaps import follow_beyond_gaps
-from bench.analysis.bodies import BodyMatch, centre_of_labeled, match_body
+from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
+from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
@@ -25,6 +26,7 @@ from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gat
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.reflections import Reflections, find_reflections
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.sorting import SORTERS, Sorter, get_sorter
 from bench.analysis.sources import (
@@ -71,6 +73,7 @@ __all__ = [
     "PointFrames",
     "PoseTrack",
     "PulseOffset",
+    "Reflections",
     "RigidFit",
     "RigidTransform",
     "RobotSigns",
@@ -78,11 +81,14 @@ __all__ = [
     "SortSettings",
     "SortedMarkers",
     "Sorter",
+    "SpacingCalibration",
     "SpacingGates",
     "StaticMarker",
     "SwitchTimes",
     "align_by_arrival",
     "align_by_echo",
+    "bridge_poses",
+    "calibrate_spacing",
     "centre_of_labeled",
     "count_cycles",
     "describe_source",
@@ -96,6 +102,7 @@ __all__ = [
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
+    "find_reflections",
     "find_static_marker",
     "find_tighter",
     "fit_hand_eye",

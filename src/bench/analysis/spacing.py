@@ -38,8 +38,8 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
     A chord c over a cable of curvature kappa is shorter than the cable between its ends, by about c³ kappa² / 24:
     that is 2 / kappa asin(c kappa / 2), with the mean curvature of the circles through neighbouring markers. Each
     spacing is the median, over the half of the frames in which the cable is straightest there, of the chord so
-    lengthened. From the anchor to the first marker it is a chord like the others, but no circle goes through the
-    anchor: the centre of a rigid body lies beside the cable.
+    lengthened; a frame with a hidden marker tells of the others. From the anchor to the first marker it is a chord
+    like the others, but no circle goes through the anchor: the centre of a rigid body lies beside the cable.
 
     Parameters
     ----------
@@ -55,21 +55,25 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
     Raises
     ------
     AnalysisError
-        Fewer than 20 frames are usable.
+        Two neighbours, and one beside them, are seen together in fewer than 20 usable frames, or there are
+        only two places.
     """
-    chosen = usable & np.isfinite(position_m).all(axis=(1, 2))
-    nodes = np.asarray(position_m[chosen], dtype=np.float64)
+    nodes = np.asarray(position_m[usable], dtype=np.float64)
     if anchor_m is not None:
-        nodes = np.concatenate([anchor_m[chosen][:, None], nodes], axis=1)
-        nodes = nodes[np.isfinite(nodes[:, 0, 0])]
-    if len(nodes) < FEWEST_FRAMES:
+        nodes = np.concatenate([anchor_m[usable][:, None], nodes], axis=1)
+    if nodes.shape[1] < 3:
         raise AnalysisError(
-            f"All markers are sorted without doubt in {len(nodes)} frames; at least {FEWEST_FRAMES} are needed to "
-            "measure their spacing.",
-            hint="Check marker_arc_length_m and the gates, or that the markers are in the cameras' view.",
+            "Fewer than three places on the cable tell nothing of its bends, so nothing of its spacings."
         )
     chord = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
     curvature = _mean_curvature(nodes, is_anchored=anchor_m is not None)
+    n_known = np.isfinite(chord + curvature).sum(axis=0)
+    if n_known.min(initial=len(nodes)) < FEWEST_FRAMES:
+        raise AnalysisError(
+            f"Two neighbouring markers are sorted without doubt in {n_known.min()} frames; at least {FEWEST_FRAMES} "
+            "are needed to measure their spacing.",
+            hint="Check marker_arc_length_m and the gates, or that the markers are in the cameras' view.",
+        )
     spacing, variance, bend = np.array([_spacing(chord[:, i], curvature[:, i]) for i in range(chord.shape[1])]).T
     if anchor_m is None:
         spacing, variance, bend = (np.concatenate([[0.0], part]) for part in (spacing, variance, bend))
@@ -79,7 +83,7 @@ def measure_marker_places(position_m: Floats32, usable: Bools, anchor_m: Floats 
 
 
 def _mean_curvature(nodes: Floats, *, is_anchored: bool) -> Floats:
-    """Return (F, n - 1): of each chord, the mean of the curvatures of the circles at its two ends.
+    """Return (F, n - 1): of each chord, the mean of the curvatures of the circles at its two ends, or of the known one.
 
     The first two chords of an anchored cable have that of the nearest circle through markers alone.
     """
@@ -90,11 +94,15 @@ def _mean_curvature(nodes: Floats, *, is_anchored: bool) -> Floats:
     if is_anchored and circle.shape[1] > 1:
         circle[:, 0] = circle[:, 1]
     padded = np.concatenate([circle[:, :1], circle, circle[:, -1:]], axis=1)
-    return np.asarray((padded[:, :-1] + padded[:, 1:]) / 2)
+    sides = np.stack([padded[:, :-1], padded[:, 1:]])
+    n_known = np.isfinite(sides).sum(axis=0)
+    return np.where(n_known > 0, np.nansum(sides, axis=0) / np.maximum(n_known, 1), np.nan)
 
 
 def _spacing(chord: Floats, curvature: Floats) -> tuple[float, float, float]:
     """Return the arc length between two neighbours, its variance by scatter, and by how much the chord is shorter."""
+    known = np.isfinite(chord + curvature)
+    chord, curvature = chord[known], curvature[known]
     straight = curvature <= np.quantile(curvature, STRAIGHT_SHARE)
     half_angle = np.clip(chord * curvature / 2, 1e-6, 1.0)[straight]
     lengthened = chord[straight] * np.arcsin(half_angle) / half_angle
