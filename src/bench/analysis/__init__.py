@@ -62,6 +62,7 @@ from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
+from bench.analysis.track_sorting import sort_by_track
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.twist_free import resolve_curvature
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
@@ -195,6 +196,7 @@ __all__ = [
     "shift_motion",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_track",
     "spread_frames",
     "summarise_cycles",
     "verify_on_shape",

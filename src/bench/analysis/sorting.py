@@ -10,6 +10,7 @@ from bench.analysis.chain import sort_by_chain
 from bench.analysis.gates import SortSettings
 from bench.analysis.markers import PointFrames, SortedMarkers
 from bench.analysis.paper import sort_by_paper
+from bench.analysis.track_sorting import sort_by_track
 from bench.errors import AnalysisError
 
 __all__ = ["SORTERS", "Sorter", "get_sorter"]
@@ -23,7 +24,9 @@ class Sorter(Protocol):
         ...
 
 
-SORTERS: Mapping[str, Sorter] = MappingProxyType({"chain": sort_by_chain, "paper": sort_by_paper})
+SORTERS: Mapping[str, Sorter] = MappingProxyType(
+    {"chain": sort_by_chain, "paper": sort_by_paper, "track": sort_by_track}
+)
 """Sorters by the names of `[analysis] sorting`."""
 RECOMMENDED = "paper"
 

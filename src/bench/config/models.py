@@ -277,9 +277,10 @@ class CableConfig(Section):
 class AnalysisConfig(Section):
     """Methods and limits of the report."""
 
-    sorting: Literal["auto", "chain", "paper"] = Field(
+    sorting: Literal["auto", "chain", "paper", "track"] = Field(
         "auto",
-        description="'chain': the most probable chain, each frame by itself; 'paper': the greedy chain of the paper.",
+        description="'chain': the most probable chain, each frame by itself; 'track': points followed through time, "
+        "then named, for motion that does not repeat; 'paper': the greedy chain of the paper.",
     )
     curvature: Literal["auto", "elastica", "menger_gp", "spline"] = Field(
         "auto",
