@@ -21,13 +21,15 @@ from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
+from bench.analysis.invariants import take_broken_away
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.phase_sorting import sort_by_phase
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
-from bench.analysis.sorting import SORTERS, Sorter, get_sorter
+from bench.analysis.sorting import SORTERS, Sorter, get_sorter, sort_automatically
 from bench.analysis.sources import (
     CycleFollower,
     CycleSource,
@@ -123,9 +125,12 @@ __all__ = [
     "place_end",
     "refine_starts",
     "see_lamp",
+    "sort_automatically",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_phase",
     "spread_frames",
     "summarise_cycles",
+    "take_broken_away",
     "whole_take",
 ]
