@@ -16,8 +16,10 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 from benchmarks.calibration import measure_calibration
+from benchmarks.losses import measure_losses
 from benchmarks.reading import measure_reading
 from benchmarks.recording import measure_recording
+from benchmarks.report import measure_report
 from benchmarks.robot_link import measure_robot_link
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -47,7 +49,7 @@ def main() -> None:
     parser.add_argument(
         "--full",
         action="store_true",
-        help="1000 cycles, minutes of both streams, 2.8 million messages read, a 1 GB take, how far --speed goes",
+        help="1000 cycles, minutes of both streams, a run and a take of 1 GB, 50 kills, how far --speed goes",
     )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
@@ -55,12 +57,14 @@ def main() -> None:
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
         rows += [*measure_reading(folder, full), measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
+        rows += measure_report(folder, full, bench)
         rows += measure_take_import(folder, full, bench)
         rows += measure_calibration(folder, bench)
         rows += measure_recording(full)
         rows += measure_robot_link(full)
         rows += measure_tracker_link(full)
         if full:
+            rows += measure_losses()
             rows += [measure_speed(folder, speed) for speed in SPEEDS]
     print_table(rows)
 

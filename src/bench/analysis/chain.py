@@ -14,10 +14,9 @@ from bench.analysis.chain_prior import (
     FEWEST_FREE_MARKERS,
     is_alike_from_both_ends,
     known_places,
-    learn_prior,
     search,
 )
-from bench.analysis.chain_spacing import calibrate_spacing, spread_sample
+from bench.analysis.chain_spacing import calibrate_spacing
 from bench.analysis.free_chain import orient_alike
 from bench.analysis.gates import SortSettings
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
@@ -51,7 +50,7 @@ def sort_by_chain(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
             hint="Give the cable an anchor ([cable.anchor]) or more markers.",
         )
     measured = calibrate_spacing(frames, settings)
-    settings, prior = measured.settings, learn_prior(spread_sample(frames), measured.settings)
+    settings, prior = measured.settings, measured.prior
     if frames.anchor_m is None and frames.end_m is None and is_alike_from_both_ends(settings):
         source, margin = _sort_with_one_direction(frames, settings, prior)
     else:
@@ -73,7 +72,7 @@ def _sort_with_one_direction(
     anchor = gather_positions(frames.points_m, frames.offsets, first[:, None])[:, 0].astype(np.float64)
     place = np.array(settings.arc_length_m[1:]) - settings.arc_length_m[0]
     beyond = replace(settings, arc_length_m=tuple(place.tolist()))
-    onwards = replace(prior, curvature_per_m=prior.curvature_per_m[1:])
+    onwards = replace(prior, curvature_per_m=prior.curvature_per_m[1:], nodes_m=prior.nodes_m[:, 1:])
     later, margin = search(replace(frames, usable=usable, anchor_m=anchor), beyond, onwards)
     return np.concatenate([first[:, None], later], axis=1), np.concatenate([margin[:, :1], margin], axis=1)
 

@@ -19,7 +19,6 @@ SPREAD = 1.6
 """The bends of one marker are no normal number: the cable rests in one pose and passes through another."""
 LEAST_CURVATURE = 0.25
 """Of the guess: where the cable hung straight in the sample, it may bend in another frame."""
-MOST_MISSES = 0.3
 FEWEST_FREE_MARKERS = 3
 """Two markers without an anchor are two points at a distance."""
 
@@ -36,7 +35,6 @@ def search(
     anchor, end = known_places(frames.anchor_m, n_frames), known_places(frames.end_m, n_frames)
     if not np.isfinite(settings.length_m):
         end = np.full((n_frames, 3), np.nan)
-    sigma = np.zeros(n_frames) if frames.end_sigma_m is None else frames.end_sigma_m
     tells_ends = starts_anywhere or not is_alike_from_both_ends(settings)
     is_free = (np.isfinite(end[:, 0]) | tells_ends) & (settings.n_markers >= FEWEST_FREE_MARKERS)
     search_chains(
@@ -46,10 +44,11 @@ def search(
         anchor,
         is_free,
         end,
-        np.nan_to_num(np.asarray(sigma, dtype=np.float64)),
         costs.spans,
-        costs.turns,
+        costs.span_costs,
+        costs.turn_costs,
         costs.ends,
+        costs.end_costs,
         costs.hidden,
         costs.reach_m,
         source,
@@ -58,34 +57,29 @@ def search(
     return source, margin
 
 
-def learn_prior(frames: PointFrames, settings: SortSettings) -> ChainPrior:
-    """Return the bends and the share of hidden markers that some frames show when sorted by the guess."""
-    guess = ChainPrior.guess(settings)
-    source, margin = search(frames, settings, guess)
+def learn_prior(frames: PointFrames, settings: SortSettings, source: Indices, margin: Floats32) -> ChainPrior:
+    """Return what the frames show of the cable where their markers (F, k) are found without doubt."""
     position = np.array(gather_positions(frames.points_m, frames.offsets, source), dtype=np.float64)
     position[margin < DOUBT_NATS] = np.nan
-    curvature = _usual_curvature(position, frames.anchor_m, settings)
-    started = (source >= 0).any(axis=1)
-    if not started.any():
-        return guess
-    guessed = guess.curvature_per_m[0]
-    usual = np.where(np.isfinite(curvature), np.maximum(SPREAD * curvature, LEAST_CURVATURE * guessed), guessed)
-    return ChainPrior(tuple(usual.tolist()), float(np.clip((source[started] < 0).mean(), guess.miss, MOST_MISSES)))
+    start, end = known_places(frames.anchor_m, len(frames)), known_places(frames.end_m, len(frames))
+    nodes = np.concatenate([start[:, None], position, end[:, None]], axis=1)
+    sigma = np.zeros(1) if frames.end_sigma_m is None else frames.end_sigma_m[np.isfinite(frames.end_sigma_m)]
+    return ChainPrior(_usual_curvature(nodes, settings), nodes, float(np.median(sigma)) if len(sigma) else 0.0)
 
 
-def _usual_curvature(position_m: Floats, anchor_m: Floats | None, settings: SortSettings) -> Floats:
-    """Return the curvature (k + 1,) of one direction, root mean square, NaN where too few frames show it."""
-    start = known_places(anchor_m, len(position_m))
-    nodes = np.concatenate([start[:, None], position_m], axis=1)
-    step = np.diff(nodes, axis=1)
+def _usual_curvature(nodes: Floats, settings: SortSettings) -> Floats:
+    """Return the curvature (k + 1,) of one direction, root mean square; the guess where too few frames show it."""
+    step = np.diff(nodes[:, :-1], axis=1)
     way = step / np.maximum(np.linalg.norm(step, axis=2, keepdims=True), 1e-9)
     turn = 1.0 - (way[:, 1:] * way[:, :-1]).sum(axis=2)
     seen = np.isfinite(turn)
-    enough = seen.sum(axis=0) >= FEWEST_BENDS
     mean = np.where(seen, turn, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     span = np.diff(settings.arc_length_m, prepend=0.0)
     curvature = np.sqrt(mean) / np.maximum((span[1:] + span[:-1]) / 2, 1e-3)
-    return np.concatenate([[np.nan], np.where(enough, curvature, np.nan), [np.nan]])
+    usual = ChainPrior.guess(settings).curvature_per_m
+    learnt = np.maximum(SPREAD * curvature, LEAST_CURVATURE * usual[0])
+    usual[1:-1] = np.where(seen.sum(axis=0) >= FEWEST_BENDS, learnt, usual[0])
+    return usual
 
 
 def is_alike_from_both_ends(settings: SortSettings) -> bool:

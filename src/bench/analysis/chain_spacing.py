@@ -6,10 +6,11 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from bench.analysis.arrays import Bools, Floats, Floats32, Indices, frame_of_points
+from bench.analysis.arrays import Bools, Indices, frame_of_points
+from bench.analysis.chain_costs import ChainPrior
 from bench.analysis.chain_prior import DOUBT_NATS, is_alike_from_both_ends, learn_prior, search
 from bench.analysis.gates import SortSettings
-from bench.analysis.markers import PointFrames, gather_positions
+from bench.analysis.markers import PointFrames
 from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.errors import AnalysisError
 
@@ -20,8 +21,8 @@ SAMPLED_FRAMES = 1_000
 TWO_SIGMA = 0.977
 """Of the chords, as a quantile: what a normal number exceeds by two standard deviations."""
 NOISE_SPANS = 5.0
-POOR_FIT = 0.25
-"""A chain that finds fewer of the markers than this without doubt is another cable's."""
+POOR_FIT = 0.5
+"""A chain that explains less of what is seen, without doubt, is another cable's."""
 POOR_FIT_NOTE = (
     "In {} frames looked at, the chain of the configured spacings finds {:.0%} of the markers without doubt: check "
     "that marker_arc_length_m is this cable's, and that the tracker's unit is right."
@@ -40,6 +41,8 @@ class SpacingCalibration:
 
     settings: SortSettings
     """With the measured places and how far chords go beyond them; as configured where nothing could be measured."""
+    prior: ChainPrior
+    """What the chain search expects of the cable."""
     places: MarkerPlaces | None = None
     """None where nothing could be measured."""
     notes: list[str] = field(default_factory=list)
@@ -59,23 +62,28 @@ def calibrate_spacing(frames: PointFrames, settings: SortSettings) -> SpacingCal
     settings : SortSettings
         As configured; the search must find its way with them.
     """
+    prior = ChainPrior.guess(settings)
     if frames.anchor_m is None and frames.end_m is None and is_alike_from_both_ends(settings):
-        return SpacingCalibration(settings)
+        return SpacingCalibration(settings, prior)
     sample = spread_sample(frames)
-    source, margin = search(sample, settings, learn_prior(sample, settings))
-    sure = (source >= 0) & (margin >= DOUBT_NATS)
-    fit, left = _count_fit(sample, source, sure)
+    prior = learn_prior(sample, settings, *search(sample, settings, prior))
+    source, margin = search(sample, settings, prior)
+    fit, left = _count_fit(sample, source, (source >= 0) & (margin >= DOUBT_NATS))
     if fit < POOR_FIT:
-        return SpacingCalibration(settings, notes=[POOR_FIT_NOTE.format(len(sample), fit)])
+        return SpacingCalibration(settings, prior, notes=[POOR_FIT_NOTE.format(len(sample), fit)])
     notes = [MANY_LEFT_NOTE.format(left * settings.n_markers)] if left >= MANY_LEFT else []
-    position = gather_positions(sample.points_m, sample.offsets, np.where(sure, source, -1).astype(np.int16))
+    prior = learn_prior(sample, settings, source, margin)
     try:
-        every = np.ones(len(sample), dtype=bool)
-        places = measure_marker_places(position, every, sample.anchor_m, settings.arc_length_m[0])
+        places = _measure(sample, settings, prior)
     except AnalysisError:
-        return SpacingCalibration(settings, notes=notes)
-    excess_m = _find_excess(position, sample.anchor_m, places)
-    return SpacingCalibration(_narrow(settings, places, excess_m), places, [*notes, *_compare(settings, places)])
+        return SpacingCalibration(settings, prior, notes=notes)
+    narrowed = _narrow(settings, places, _find_excess(prior, places, is_anchored=frames.anchor_m is not None))
+    return SpacingCalibration(narrowed, prior, places, [*notes, *_compare(settings, places)])
+
+
+def _measure(sample: PointFrames, settings: SortSettings, prior: ChainPrior) -> MarkerPlaces:
+    every, marker_m = np.ones(len(sample), dtype=bool), prior.nodes_m[:, 1:-1].astype(np.float32)
+    return measure_marker_places(marker_m, every, sample.anchor_m, settings.arc_length_m[0])
 
 
 def spread_sample(frames: PointFrames) -> PointFrames:
@@ -111,14 +119,12 @@ def _narrow(settings: SortSettings, places: MarkerPlaces, excess_m: float) -> So
     )
 
 
-def _find_excess(position_m: Floats32, anchor_m: Floats | None, places: MarkerPlaces) -> float:
+def _find_excess(prior: ChainPrior, places: MarkerPlaces, *, is_anchored: bool) -> float:
     """Return by how much chords exceed the measured spacing at two standard deviations, where they do so most."""
-    nodes, place = position_m.astype(np.float64), places.arc_length_m
-    if anchor_m is not None:
-        nodes = np.concatenate([anchor_m[:, None], nodes], axis=1)
-        place = np.concatenate([[0.0], place])
-    chord = np.linalg.norm(np.diff(nodes, axis=1), axis=2)
-    return max(float((np.nanquantile(chord, TWO_SIGMA, axis=0) - np.diff(place)).max()), 0.0)
+    first = 0 if is_anchored else 1
+    chord = np.linalg.norm(np.diff(prior.nodes_m[:, first:-1], axis=1), axis=2)
+    spacing = np.diff(places.arc_length_m, prepend=[0.0] if is_anchored else [])
+    return max(float((np.nanquantile(chord, TWO_SIGMA, axis=0) - spacing).max()), 0.0)
 
 
 def _compare(settings: SortSettings, places: MarkerPlaces) -> list[str]:

@@ -6,12 +6,16 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bench.analysis.curve import CurveEstimator
+from bench.analysis.elastica import fit_elastica
+from bench.analysis.menger import fit_menger_gp
 from bench.analysis.spline import fit_spline
 from bench.errors import AnalysisError
 
 __all__ = ["ESTIMATORS", "get_estimator"]
 
-ESTIMATORS: Mapping[str, CurveEstimator] = MappingProxyType({"spline": fit_spline})
+ESTIMATORS: Mapping[str, CurveEstimator] = MappingProxyType(
+    {"elastica": fit_elastica, "menger_gp": fit_menger_gp, "spline": fit_spline}
+)
 """Estimators by the names of `[analysis] curvature`."""
 RECOMMENDED = "spline"
 

@@ -12,6 +12,7 @@ from bench.analysis import (
     CycleVerdicts,
     find_cycles,
     judge_cycles,
+    phase_from_path,
     phase_from_register,
     phase_from_time,
     refine_starts,
@@ -66,22 +67,10 @@ def place_frames(
     n_driven : int, optional
         Cycles of the run; what a program that waits for no grant began after them is none of it.
     """
-    if robot is None or config.cycles == "whole":
-        table, method = _whole_recording(frames), "whole take"
-        refined = np.zeros(len(table.cycle_index), dtype=bool)
-    else:
-        table = find_cycles(robot.counter)
-        if n_driven is not None:
-            table = table.take(table.cycle_index + account.first_cycle_index < n_driven)
-        table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
-        method = robot.source.name if robot.source else "robot's counter"
-    table = replace(table, cycle_index=table.cycle_index + account.first_cycle_index)
+    shown = None if config.cycles == "whole" else robot
+    table, refined, method = _find_table(frames, shown, account, n_driven)
     row = table.locate(frames.time_ns)
-    phase = phase_from_register(table, robot.counter, row, frames.time_ns) if robot and method != "whole take" else None
-    if phase is None:
-        phase, how = phase_from_time(table, row, frames.time_ns), "phase by time"
-    else:
-        how = "phase by the robot's register"
+    phase, how = _find_phase(table, shown, row, frames.time_ns)
     index = np.full(len(row), -1, dtype=np.int64)
     index[row >= 0] = table.cycle_index[row[row >= 0]]
     robot_gaps = robot.gaps if robot else None
@@ -95,6 +84,40 @@ def place_frames(
         account.slowed,
     )
     return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
+
+
+def _find_table(
+    frames: TrackerFrames, robot: RobotSamples | None, account: CycleAccount, n_driven: int | None
+) -> tuple[CycleTable, npt.NDArray[np.bool_], str]:
+    """Return the cycles, whether each start is that of the joints' motion, and what showed them."""
+    if robot is None:
+        table, method = _whole_recording(frames), "whole take"
+        refined = np.zeros(len(table.cycle_index), dtype=bool)
+    else:
+        table = find_cycles(robot.counter)
+        if n_driven is not None:
+            table = table.take(table.cycle_index + account.first_cycle_index < n_driven)
+        table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
+        method = robot.source.name if robot.source else "robot's counter"
+    return replace(table, cycle_index=table.cycle_index + account.first_cycle_index), refined, method
+
+
+def _find_phase(table: CycleTable, robot: RobotSamples | None, row: Ints, time_ns: Ints) -> tuple[Floats, str]:
+    """Return the phase of each frame (F,) by the best that is known, and by what: register, then path, then time."""
+    by_time = phase_from_time(table, row, time_ns)
+    if robot is None:
+        return by_time, "phase by time"
+    phase = phase_from_register(table, robot.counter, row, time_ns)
+    if phase is not None:
+        return phase, "phase by the robot's register"
+    phase = phase_from_path(table, robot.travel, row, time_ns) if robot.travel else None
+    if phase is None:
+        return by_time, "phase by time"
+    elsewhere = np.unique(row[(row >= 0) & np.isnan(phase)])
+    by_path = "phase by the robot's path"
+    if len(elsewhere):
+        by_path += f" ({len(elsewhere)} of {len(table.cycle_index)} cycles by time: they took another path)"
+    return np.where(np.isnan(phase), by_time, phase), by_path
 
 
 def describe_cycles(placed: PlacedFrames, traced: TracedCable) -> CycleColumns:

@@ -6,20 +6,27 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
 
-from bench.analysis import CableEnd, ClampDirection, RigidTransform, SortedMarkers, make_gates, place_end
+from bench.analysis import CableEnd, ClampDirection, ClampedEnds, RigidTransform, SortedMarkers, make_gates, place_end
 from bench.config import Calibration, Config, HolderConfig
-from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings
+from bench.recording import Run
+from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
 
-__all__ = ["CableEnds", "compare_last_marker", "find_cable_ends"]
+__all__ = ["AT_THE_TCP", "CableEnds", "compare_last_marker", "find_cable_ends", "find_up_axis"]
 
 Floats = npt.NDArray[np.float64]
 
 STANDS_STILL = RigidTransform(np.eye(3), np.zeros(3))
 KNOWN_EXACTLY = np.zeros((6, 6))
+AT_THE_TCP = (0.0, 0.0, 0.0)
+SEEN_SIGMA_M = 5e-4
+"""Standard deviation of a clamp's place that the tracker sees: 0.12-0.74 mm of noise, and the clamp's drawing."""
+CENTRE_SIGMA_M = 0.01
+"""Of a body's centre of gravity as the cable's end: its markers sit around the clamp, a centimetre beside the cable."""
+ON_CURVE_SIGMA_M = 2e-3
+"""Worse known than this, an end's place tells the sorter where to look, but nothing of how the cable bends there."""
 
 
 @dataclass(eq=False)
@@ -27,14 +34,14 @@ class CableEnds:
     """Both ends of the cable."""
 
     anchor: CableEnd | None = None
-    """None where the anchor's clamp_direction is not given."""
+    """None where nothing tells a place on the cable's curve, nor its direction."""
     end: CableEnd | None = None
     """None without [cable.end], or where what holds it is not known."""
     warnings: list[str] = field(default_factory=list)
 
     def columns(self, n_frames: int) -> EndColumns | None:
         """Return what is known as columns, None without any."""
-        if self.anchor is None and self.end is None:
+        if self.end is None and (self.anchor is None or np.isnan(self.anchor.tangent).all()):
             return None
         unknown = CableEnd(*(np.full((n_frames, 3)[:n], np.nan) for n in (2, 1, 2, 1)))
         anchor, end = self.anchor or unknown, self.end or unknown
@@ -47,24 +54,35 @@ class CableEnds:
             end.tangent_sigma_rad,
         )
 
+    def clamps(self, length_m: float, up_axis: int) -> ClampedEnds:
+        """Return what they tell an estimator of the curve; `up_axis` is the lab frame's vertical."""
+        x, y, z = np.eye(3)[up_axis]
+        return ClampedEnds(_on_curve(self.anchor), _on_curve(self.end), length_m, (x, y, z))
+
+
+def find_up_axis(run: Run) -> int:
+    """Return the lab frame's vertical axis as the tracker names it; y where it does not say."""
+    named = [device.detail.get("up_axis", "") for device in run.devices]
+    return next(("xyz".index(name) for name in named if name in ("x", "y", "z")), 1)
+
 
 def find_cable_ends(start: ChainStart, robot: RobotInLab | None, config: Config) -> CableEnds:
     """Find both ends: the anchor's direction by its clamp, the other end by the robot's pose or its rigid body."""
     ends = CableEnds()
     anchor, end = config.cable.anchor, config.cable.end
-    if anchor.clamp_direction is not None and start.anchor_m is not None and start.bodies is not None:
+    if start.anchor_m is not None and start.bodies is not None:
         ends.anchor = _place_held(anchor, start.anchor_m, start.bodies)
     if end is None or start.bodies is None:
         return ends
     if end.kind == "tcp" and robot is not None:
-        ends.end = robot.place(end.clamp_m, _configured(end) or _calibrated(config.calibration.measured))
+        ends.end = robot.place(end.clamp_m or AT_THE_TCP, _configured(end) or _calibrated(config.calibration.measured))
     elif end.kind == "tcp":
         ends.warnings.append(
             "[cable.end] kind = 'tcp' is not used: it needs a robot that tells its TCP pose, and a calibration "
             "([calibration] file, made by `bench calibrate`)."
         )
     elif end.kind == "rigid_body":
-        ends.end = _place_held(end, start.bodies.centre(start.bodies.id_of(end.name)), start.bodies)
+        ends.end = _place_held(end, start.bodies.place_clamp(end), start.bodies)
     return ends
 
 
@@ -99,11 +117,22 @@ def _describe(end: CableEnd) -> str:
 
 
 def _place_held(holder: HolderConfig, place_m: Floats, bodies: TrackedBodies) -> CableEnd:
-    """Place an end whose holder the tracker sees."""
+    """Place an end whose holder the tracker sees, `place_m` (F, 3) being where."""
     turn = np.broadcast_to(np.eye(3), (len(place_m), 3, 3))
     if holder.kind == "rigid_body":
-        turn = _matrices(bodies.poses(bodies.id_of(holder.name))[1])
-    return place_end(turn, place_m, np.zeros(3), _configured(holder), STANDS_STILL, KNOWN_EXACTLY)
+        turn = turn_matrices(bodies.poses(bodies.id_of(holder.name))[1])
+    held = place_end(turn, place_m, np.zeros(3), _configured(holder), STANDS_STILL, KNOWN_EXACTLY)
+    own_sigma_m = CENTRE_SIGMA_M if holder.kind == "rigid_body" and holder.clamp_m is None else SEEN_SIGMA_M
+    return replace(held, position_sigma_m=np.hypot(held.position_sigma_m, own_sigma_m))
+
+
+def _on_curve(end: CableEnd | None) -> CableEnd | None:
+    """Return what is known of an end as a place and direction of the curve; None without either."""
+    if end is None:
+        return None
+    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
+    end = replace(end, position_m=np.where(vague[:, None], np.nan, end.position_m))
+    return end if np.isfinite(end.position_m).any() or np.isfinite(end.tangent).any() else None
 
 
 def _configured(holder: HolderConfig) -> ClampDirection | None:
@@ -118,11 +147,3 @@ def _calibrated(calibration: Calibration | None) -> ClampDirection | None:
     if clamp is None:
         return None
     return ClampDirection(np.array(clamp.direction), float(np.deg2rad(clamp.direction_sd_deg)))
-
-
-def _matrices(quaternion_xyzw: Floats) -> Floats:
-    known = np.isfinite(quaternion_xyzw).all(axis=1) & (np.linalg.norm(quaternion_xyzw, axis=1) > 0)
-    turn = np.full((len(quaternion_xyzw), 3, 3), np.nan)
-    if known.any():
-        turn[known] = Rotation.from_quat(quaternion_xyzw[known]).as_matrix()
-    return turn

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis import CycleVerdicts
+from bench.analysis import CycleVerdicts, bend_radius
 from bench.model import ExitStatus, Outcome, Verdict
 from bench.report.results import CycleColumns, StreamFinding
 
@@ -67,10 +67,11 @@ def _too_tight(cycles: CycleColumns, limit_mm: float) -> list[str]:
     if not len(tight):
         return []
     row = tight[cycles.min_bend_radius_mm[tight].argmin()]
-    sigma = cycles.max_curvature_sigma_per_m[row] / cycles.max_curvature_per_m[row] * cycles.min_bend_radius_mm[row]
+    bend = bend_radius(cycles.max_curvature_per_m[row], cycles.max_curvature_sigma_per_m[row])
     sentence = (
         f"The bend radius is below the limit of {limit_mm:g} mm in {len(tight)} of {int(judged.sum())} cycles; the "
-        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm (standard deviation {sigma:.1f} mm) in cycle "
+        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm ({1e3 * bend.low_m:.1f} to {1e3 * bend.high_m:.1f} mm "
+        "within two standard deviations) in cycle "
         f"{cycles.cycle_index[row]}, {cycles.max_curvature_arc_length_m[row] * 1e3:.0f} mm from the anchor."
     )
     usual = float(np.median(cycles.min_bend_radius_mm[judged & np.isfinite(cycles.min_bend_radius_mm)]))

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from bench.analysis import (
     TRUSTED_CONFIDENCE,
+    ClampedEnds,
     CurveEstimate,
     PointFrames,
     SortedMarkers,
@@ -47,20 +48,24 @@ class TracedCable:
     """(k,)"""
 
 
-def trace_cable(points: PointFrames, config: Config) -> TracedCable:
+def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = None) -> TracedCable:
     """Sort the markers of every frame and estimate the curvature along the cable.
 
     Parameters
     ----------
     points : PointFrames
     config : Config
+    ends : ClampedEnds, optional
+        What is known of the cable's ends; the curve reaches as far as it is known.
     """
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
-    places = np.linspace(marker_places[0], marker_places[-1], analysis.arc_length_samples)
+    places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
-    markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
+    markers = get_sorter(analysis.sorting)(points, settings)
+    if markers.method == "paper":
+        markers = fill_from_end(points, markers, settings)
     curve = get_estimator(analysis.curvature)(
-        markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3
+        markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3, ends=ends
     )
     impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
@@ -75,3 +80,13 @@ def trace_cable(points: PointFrames, config: Config) -> TracedCable:
         arc_length_m=places,
         marker_arc_length_m=marker_places,
     )
+
+
+def _find_span(marker_places: Floats, ends: ClampedEnds | None) -> tuple[float, float]:
+    """Return the arc lengths between which places are known on the curve: the markers, and the clamps beyond them."""
+    first, last = float(marker_places[0]), float(marker_places[-1])
+    if ends and ends.anchor and np.isfinite(ends.anchor.position_m).any():
+        first = 0.0
+    if ends and ends.end and np.isfinite(ends.end.position_m).any():
+        last = ends.length_m
+    return first, last

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
-from bench.analysis.chain_costs import MOST_GAP
+from bench.analysis.chain_costs import BINS, MOST_END_COST, MOST_GAP
 from bench.analysis.kernels.compiling import compiled
 
 __all__ = ["CAP", "search_chains"]
@@ -33,21 +33,21 @@ FORWARD, BACKWARD, OWN = range(3)
 
 
 @compiled
-def bend_cost(short_m: float, weight: float, slope: float, knee_m: float) -> float:
-    """Return the nats that a distance shorter than the cable costs: a parabola, beyond a knee a straight line."""
-    curved = min(short_m, knee_m)
-    return float(weight * curved * curved + slope * (short_m - curved))
+def look_up(table: Floats, at: float) -> float:
+    """Return a table's value between its points."""
+    first = min(int(at), len(table) - 2)
+    return float(table[first] + (at - first) * (table[first + 1] - table[first]))
 
 
 @compiled
-def turn_cost(way: Floats, first: int, middle: int, last: int, concentration: float) -> float:
+def turn_cost(way: Floats, first: int, middle: int, last: int, table: Floats) -> float:
     """Return the nats that the turn at `middle` costs."""
     cosine = (
         way[first, middle, 0] * way[middle, last, 0]
         + way[first, middle, 1] * way[middle, last, 1]
         + way[first, middle, 2] * way[middle, last, 2]
     )
-    return float(concentration * (1.0 - cosine))
+    return look_up(table, np.sqrt(max(0.5 - 0.5 * cosine, 0.0)) * BINS)
 
 
 @compiled
@@ -92,16 +92,19 @@ def gather_points(
 
 
 @compiled
-def close_chains(n: int, end_sigma_m: float, distance: Floats, ends: Floats, hidden: Floats, closing: Floats) -> None:
+def close_chains(
+    n: int, ends_known: bool, distance: Floats, ends: Floats, end_costs: Floats, hidden: Floats, closing: Floats
+) -> None:
     """Fill what it costs (k + 1, n) that a point is the last marker seen: those hidden, the distance to the end."""
     for m in range(len(hidden)):
         closing[m, : n + 1] = hidden[m]
-        if end_sigma_m >= 0 and m > 0:
-            variance = ends[m, 1] * ends[m, 1] + end_sigma_m * end_sigma_m
+        if ends_known and m > 0:
             for j in range(n):
-                short = ends[m, 0] - distance[j, n + 1]
-                scale = ends[m, 2] if short > 0 else np.sqrt(variance)
-                closing[m, j] += min(bend_cost(abs(short), 0.5 / variance, 1.0 / scale, variance / scale), ends[m, 3])
+                apart = distance[j, n + 1]
+                if apart < ends[m, 0] or apart > ends[m, 1]:
+                    closing[m, j] += MOST_END_COST
+                else:
+                    closing[m, j] += look_up(end_costs[m], (apart - ends[m, 0]) * ends[m, 2])
 
 
 @compiled
@@ -123,6 +126,7 @@ def list_steps(
     near: Ints,
     near_m: Floats,
     spans: Floats,
+    span_costs: Floats,
     reach_m: Floats,
     closing: Floats,
     steps: Ints,
@@ -145,8 +149,8 @@ def list_steps(
             least, at = closing[m, j], 0
             for g in range(1, min(MOST_GAP, len(reach_m) - 1 - m) + 1):
                 to = m + g
-                length, weight, slope, knee = spans[to, g, 0], spans[to, g, 1], spans[to, g, 2], spans[to, g, 3]
-                low, high, constant, turn = spans[to, g, 4], spans[to, g, 5], spans[to, g, 6], spans[to, g, 7]
+                low, high, scale, turn = spans[to, g, 0], spans[to, g, 1], spans[to, g, 2], spans[to, g, 3]
+                table = span_costs[to, g]
                 while at > 0 and near_m[j, at - 1] >= low:
                     at -= 1
                 while at < n and near_m[j, at] < low:
@@ -157,7 +161,7 @@ def list_steps(
                     c = near[j, place]
                     if c == j or ahead[to, c] == FAR:
                         continue
-                    cost = constant + bend_cost(length - near_m[j, place], weight, slope, knee)
+                    cost = look_up(table, (near_m[j, place] - low) * scale)
                     least = min(least, cost + turn + ahead[to, c])
                     own[count], steps[count, 0], steps[count, 1] = cost, g, c
                     count += 1
@@ -176,9 +180,8 @@ def follow_cheapest(
         least, taken, chosen = closing[m, j], 0.0, NONE
         for s in range(first[m, j], first[m, j + 1]):
             g, c = steps[s, 0], steps[s, 1]
-            step = own[s] + turns[m, come, g, 1]
-            if come > 0:
-                step += turn_cost(way, before, j, c, turns[m, come, g, 0])
+            turn = turn_cost(way, before, j, c, turns[m, come, g]) if come > 0 else turns[m, 0, g, 0]
+            step = own[s] + turn
             if step + ahead[m + g, c] < least and c != before:
                 least, taken, chosen = step + ahead[m + g, c], step, s
         if chosen == NONE:
@@ -207,9 +210,9 @@ def find_origin(
     while pair != NONE:
         if costs[pair, FORWARD] < least:
             come = pairs[pair, STEP]
-            cost = costs[pair, FORWARD] + turns[come, gap, 1]
-            if come > 0:
-                cost += turn_cost(way, pairs[pair, BEFORE], pairs[pair, POINT], point, turns[come, gap, 0])
+            before, middle = pairs[pair, BEFORE], pairs[pair, POINT]
+            turn = turn_cost(way, before, middle, point, turns[come, gap]) if come > 0 else turns[0, gap, 0]
+            cost = costs[pair, FORWARD] + turn
             if cost < least and not uses_point(pairs, pair, point):
                 least, origin = cost, pair
         pair = pairs[pair, NEXT]
@@ -246,7 +249,7 @@ def start_at_anchor(
     for s in range(first[0, n], first[0, n + 1]):
         g = steps[s, 0]
         add_pair(n_pairs, n, steps[s, 1], g, g, NONE, head, pairs)
-        costs[n_pairs, FORWARD] = costs[n_pairs, OWN] = own[s] + turns[0, 0, g, 1]
+        costs[n_pairs, FORWARD] = costs[n_pairs, OWN] = own[s] + turns[0, 0, g, 0]
         n_pairs += 1
     return n_pairs
 
@@ -317,9 +320,9 @@ def weigh_states(
         while q != NONE:
             come, before = pairs[q, STEP], pairs[q, BEFORE]
             if before != c:
-                cost = turns[first, come, g, 1] + costs[p, OWN] + costs[p, BACKWARD]
-                if come > 0:
-                    cost += turn_cost(way, before, pairs[p, BEFORE], c, turns[first, come, g, 0])
+                middle, table = pairs[p, BEFORE], turns[first, come, g]
+                turn = turn_cost(way, before, middle, c, table) if come > 0 else table[0]
+                cost = turn + costs[p, OWN] + costs[p, BACKWARD]
                 costs[q, BACKWARD] = min(costs[q, BACKWARD], cost)
             q = pairs[q, NEXT]
 
@@ -350,10 +353,11 @@ def search_chains(
     anchor_m: Floats,
     is_free: Bools,
     end_m: Floats,
-    end_sigma_m: Floats,
     spans: Floats,
+    span_costs: Floats,
     turns: Floats,
     ends: Floats,
+    end_costs: Floats,
     hidden: Floats,
     reach_m: Floats,
     slot: Indices,
@@ -367,9 +371,9 @@ def search_chains(
         The points of all frames.
     anchor_m, is_free : (F, 3), (F,)
         Where the chain starts; NaN leaves a frame unsorted, or where `is_free` lets it start at any point.
-    end_m, end_sigma_m : (F, 3), (F,)
+    end_m : (F, 3)
         Where the cable ends, NaN where unknown.
-    spans, turns, ends, hidden, reach_m
+    spans, span_costs, turns, ends, end_costs, hidden, reach_m
         `ChainCosts`.
     slot, margin : (F, k)
         Filled: the point of each marker or -1, and by how many nats the best chain is better than the best in which
@@ -397,10 +401,9 @@ def search_chains(
             continue
         place[n], place[n + 1] = anchor_m[frame], end_m[frame]
         measure_pairs(place, n + 2, distance, way)
-        sigma_m = end_sigma_m[frame] if np.isfinite(end_m[frame]).all() else -1.0
-        close_chains(n, sigma_m, distance, ends, hidden, closing)
+        close_chains(n, np.isfinite(end_m[frame]).all(), distance, ends, end_costs, hidden, closing)
         sort_neighbours(n, distance, near, near_m)
-        n_steps = list_steps(n, distance, near, near_m, spans, reach_m, closing, steps, own, ahead, first)
+        n_steps = list_steps(n, distance, near, near_m, spans, span_costs, reach_m, closing, steps, own, ahead, first)
         head[:, :n] = NONE
         bound = hidden[0] + CAP
         if anchored:

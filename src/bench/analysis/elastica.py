@@ -1,0 +1,105 @@
+"""Curvature by the heavy rod: gravity, bending stiffness and both clamps; one stiffness for the whole recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bench.analysis.arrays import Floats, Floats32
+from bench.analysis.curve import ClampedEnds, CurveEstimate
+from bench.analysis.rod_frames import find_cells, place_in_rod
+from bench.analysis.rod_law import FittedLaw, fit_law
+from bench.analysis.rod_mesh import make_rod_mesh
+from bench.analysis.rod_notes import describe_fit, warn_of_fit
+from bench.analysis.rod_reading import read_cells
+from bench.analysis.rod_shapes import RodModel
+
+__all__ = ["FittedRod", "fit_elastica", "fit_rod"]
+
+
+@dataclass(frozen=True, eq=False)
+class FittedRod:
+    """The heavy rod's curve, and the law of bending it was found with."""
+
+    curve: CurveEstimate
+    law: FittedLaw
+
+
+def fit_elastica(
+    position_m: Floats32,
+    marker_arc_length_m: Floats,
+    arc_length_m: Floats,
+    noise_m: float,
+    *,
+    ends: ClampedEnds | None = None,
+    with_vector: bool = False,
+) -> CurveEstimate:
+    """Estimate the curvature from clamp to clamp as that of a heavy rod at rest.
+
+    An inextensible rod, naturally straight, alike in all directions across, free to turn about its own axis, hangs
+    under its weight between clamps. Each frame leaves open where the two clamps are and point (a prior with the
+    standard deviations of `ends`); all frames together leave open the ratio of bending stiffness and weight per metre,
+    and by a few millimetres where the markers sit along the rod. Where the rod then misses the markers by more than
+    twice the noise, a stiffness that falls as the strands slip, M = EI k + M0 tanh(k / k0), is tried.
+
+    Frames whose clamps stand alike share a shape: the rod is settled on their median, and each is one linear step away.
+
+    Parameters
+    ----------
+    position_m : (F, k, 3)
+        Sorted markers, lab frame, NaN where not found. Frames with fewer than three, or without both clamps, are NaN.
+    marker_arc_length_m : (k,)
+        Arc length of each marker from the anchor.
+    arc_length_m : (G,)
+        Where the curvature is wanted, from 0 to ``ends.length_m``; beyond them it is NaN.
+    noise_m : float
+        Standard deviation of a marker's position, for each coordinate.
+    ends : ClampedEnds
+        Both clamps with place and direction.
+    with_vector : bool
+        Whether the curvature vector is wanted, too: three times the memory.
+
+    Returns
+    -------
+    CurveEstimate
+        The standard deviation holds the markers' noise, the clamps' and the stiffness's, and widens with the frame's
+        residual; it does not hold that the cable is no such rod. `residual_m` tells: two to three times the noise says
+        that the model is wrong.
+
+    Raises
+    ------
+    AnalysisError
+        A clamp's place or direction is known in no frame, or no rod in balance suits the frames.
+    """
+    return fit_rod(position_m, marker_arc_length_m, arc_length_m, noise_m, ends=ends, with_vector=with_vector).curve
+
+
+def fit_rod(
+    position_m: Floats32,
+    marker_arc_length_m: Floats,
+    arc_length_m: Floats,
+    noise_m: float,
+    *,
+    ends: ClampedEnds | None = None,
+    with_vector: bool = False,
+) -> FittedRod:
+    """Fit as `fit_elastica` does, and return the law of bending with the curve."""
+    shape = (len(position_m), len(arc_length_m))
+    curvature, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+    vector = np.full((*shape, 3), np.nan, dtype=np.float32) if with_vector else None
+    residual = np.full(len(position_m), np.nan, dtype=np.float32)
+    frames = place_in_rod(position_m, ends, noise_m)
+    cells = find_cells(frames)
+    mesh = make_rod_mesh(frames.length_m, frames.up)
+    law = fit_law(cells, RodModel(mesh, marker_arc_length_m, np.zeros(3), noise_m))
+    inside = np.flatnonzero((arc_length_m >= 0.0) & (arc_length_m <= frames.length_m))
+    for part in read_cells(frames, cells, law, arc_length_m[inside], with_vector=with_vector):
+        rows = np.ix_(frames.row[part.frame], inside)
+        curvature[rows], sigma[rows] = part.curvature_per_m, part.sigma_per_m
+        residual[frames.row[part.frame]] = part.residual_m
+        if vector is not None:
+            vector[rows] = part.vector_per_m
+    warnings = warn_of_fit(law, residual, marker_arc_length_m, noise_m)
+    curve = CurveEstimate(curvature, sigma, vector, residual, "elastica", [describe_fit(law)], warnings)
+    return FittedRod(curve, law)
