@@ -35,6 +35,7 @@ from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
+from bench.analysis.invariants import take_broken_away
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 from bench.analysis.menger import fit_menger_gp
@@ -43,13 +44,14 @@ from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
+from bench.analysis.phase_sorting import sort_by_phase
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.radius import BendRadius, bend_radius
 from bench.analysis.reflections import Reflections, find_reflections
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size, verify_on_shape
 from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
-from bench.analysis.sorting import SORTERS, Sorter, get_sorter
+from bench.analysis.sorting import SORTERS, Sorter, get_sorter, sort_automatically
 from bench.analysis.sources import (
     CycleFollower,
     CycleSource,
@@ -194,11 +196,14 @@ __all__ = [
     "resolve_curvature",
     "see_lamp",
     "shift_motion",
+    "sort_automatically",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_phase",
     "sort_by_track",
     "spread_frames",
     "summarise_cycles",
+    "take_broken_away",
     "verify_on_shape",
     "whole_take",
 ]

@@ -19,6 +19,11 @@ class MethodNote:
 
 
 SORTING = {
+    "phase": "Each marker is where it was at the same place of the robot's path: the median of cycles that the most "
+    "probable chain sorts, moved by what this cycle strays from it; the median follows the cable over the test. On "
+    "simulated crossing motion that no number was chosen on, with 5 % of the markers hidden and two ghosts, 99.98 % of "
+    "the frames were exact; with 10 % and four ghosts, most of them beside the cable, 99.9 %; with 25 markers at 40 mm "
+    "99.9 %. What is left are ghosts within millimetres of a hidden marker, some riding along with it.",
     "chain": "The most probable chain of points in each frame by itself: by distances and turning angles, which are "
     "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden one can take "
     "its place: with 5 % of the markers hidden and two ghosts in each simulated frame that costs up to 1 % of the "
