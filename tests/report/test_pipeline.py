@@ -82,6 +82,11 @@ def test_the_curvature_is_the_cables(good: tuple[Results, np.ndarray]) -> None:
     assert np.isfinite(results.example.curve_m[results.arc_length_m >= ARC_LENGTH_M[0]]).all()
 
 
+def test_a_point_that_stands_still_is_left_out_and_said(good: tuple[Results, np.ndarray]) -> None:
+    results, _ = good
+    assert results.run_facts["Reflections"].startswith("points that stand still, left out: 1, at (")
+
+
 def test_who_stamped_the_arrivals_is_told_of_each_clock(tmp_path: Path) -> None:
     robot = DeviceInfo("robot", "ur", "192.0.2.10", detail={"stamped_by": "kernel"})
     results, _ = analyse(tmp_path, RunSpec(n_cycles=1, devices=[robot]))

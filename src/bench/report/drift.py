@@ -12,9 +12,9 @@ from bench.analysis import (
     CycleShapes,
     LevelChange,
     SeriesDrift,
+    average_by_phase,
     describe_drift,
     gather_shapes,
-    map_by_phase,
     measure_distances,
 )
 from bench.model import Verdict
@@ -192,8 +192,10 @@ def _find_largest_bend(
     maps = []
     for rows in (before, after):
         frames = np.flatnonzero(traced.trusted & np.isin(placed.row, rows))
-        curvature = traced.curve.curvature_per_m[frames]
-        maps.append(map_by_phase(curvature, placed.phase[frames], np.ones(len(frames), dtype=bool), n_bins))
+        curve = traced.curve.curvature_per_m[frames], traced.curve.sigma_per_m[frames]
+        every = np.ones(len(frames), dtype=bool)
+        mean = average_by_phase(*curve, placed.row[frames], placed.phase[frames], every, n_bins)
+        maps.append(mean.curvature_per_m)
     change = maps[1] - maps[0]
     if not np.isfinite(change).any():
         return float("nan"), float("nan"), float("nan")

@@ -62,7 +62,9 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
-    markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
+    markers = get_sorter(analysis.sorting)(points, settings)
+    if markers.method == "paper":
+        markers = fill_from_end(points, markers, settings)
     curve = get_estimator(analysis.curvature)(
         markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3, ends=ends
     )
