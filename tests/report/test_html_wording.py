@@ -180,7 +180,7 @@ def test_the_papers_methods_come_with_their_known_faults():
 
 
 def test_a_method_without_figures_is_said_to_have_none():
-    results = make_results(1, methods={"curvature": "elastica", "extra": "new"})
+    results = make_results(1, methods={"curvature": "a ruler", "extra": "new"})
     assert {note.limits for note in describe_methods(results)[:2]} == {
         "No figures for this method are kept with this report."
     }
