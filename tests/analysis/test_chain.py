@@ -216,7 +216,7 @@ def test_recordings_without_frames_and_cables_without_order() -> None:
     assert get_sorter("chain") is sort_by_chain
 
 
-def test_the_compiled_search_does_what_its_python_does() -> None:
+def test_the_compiled_search_does_what_its_python_does(monkeypatch: pytest.MonkeyPatch) -> None:
     from bench.analysis.kernels import chain_search
 
     rng = np.random.default_rng(10)
@@ -226,8 +226,12 @@ def test_the_compiled_search_does_what_its_python_does() -> None:
     given_start[2:] = np.nan
     end = np.full((4, 3), np.nan)
     end[1:3] = 0.3
-    results = []
-    for loop in (chain_search.search_chains, chain_search.search_chains.py_func):
+    plain, results = chain_search.search_chains.py_func, []
+    for loop in (chain_search.search_chains, plain):
+        if loop is plain:
+            for name, helper in list(vars(chain_search).items()):
+                if hasattr(helper, "py_func"):
+                    monkeypatch.setattr(chain_search, name, helper.py_func)
         slot, margin = np.empty((4, len(UNEVEN_M)), dtype=np.int16), np.empty((4, len(UNEVEN_M)), dtype=np.float32)
         tables = [getattr(costs, table.name) for table in fields(costs)]
         loop(scene.points_m, scene.offsets, scene.usable, given_start, free, end, *tables, slot, margin)
