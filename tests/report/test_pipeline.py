@@ -115,7 +115,7 @@ def test_streams_clocks_and_methods_are_stated(good: tuple[Results, np.ndarray])
     assert results.clocks[0].offset_s == pytest.approx(T0_NS * 1e-9 - 50.0, abs=1e-3)
     assert results.methods == {
         "sorting": "paper",
-        "curvature": "spline",
+        "curvature": "menger_gp",
         "cycles": "robot's counter, phase by the robot's register",
     }
     assert len(results.config_sha256) == 64

@@ -90,17 +90,20 @@ def describe_methods(results: Results) -> list[MethodNote]:
 
 def warn_about_clamps(results: Results) -> str:
     """Return the sentence for the first screen when the curvature's method under-reads beside clamps, else empty."""
-    if "spline" not in results.methods.get("curvature", "").lower():
+    method = results.methods.get("curvature", "").lower()
+    blind = {"spline": "The spline reads", "menger_gp": "Without a fitted rod the markers show"}
+    said = next((text for name, text in blind.items() if name in method), "")
+    if "elastica" in method or not said:
         return ""
     return (
-        "The spline reads bends beside the clamps too gently: the cable may be bent tighter there than any radius "
-        "on this page (see Methods and their limits)."
+        f"{said} bends beside the clamps too gently: the cable may be bent tighter there than any radius on this page "
+        "(see Methods and their limits)."
     )
 
 
 def _note(step: str, method: str, known: dict[str, str], in_this_run: list[str]) -> MethodNote:
-    limits = next((text for name, text in known.items() if name in method.lower()), OTHERWISE)
-    return MethodNote(step, method, " ".join([limits, *in_this_run]))
+    limits = [text for name, text in known.items() if name in method.lower()] or [OTHERWISE]
+    return MethodNote(step, method, " ".join([*limits, *in_this_run]))
 
 
 def _maximum_note() -> MethodNote:

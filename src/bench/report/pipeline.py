@@ -224,7 +224,7 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
             "wrong unseen."
         )
     if traced.isolated.any():
-        tightest = 1e3 / float(np.nanmax(traced.curve.curvature_per_m[traced.isolated]))
+        tightest = 1e3 / traced.isolated_bend_per_m
         warnings.append(
             f"{int(traced.isolated.sum())} of {len(frames)} frames have a bend that is gone a moment later, down to "
             f"{tightest:.1f} mm: a marker is wrongly sorted in them, or the cable jumped. "
