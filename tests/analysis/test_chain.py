@@ -8,7 +8,15 @@ from cable_examples import ARC_LENGTH_M, N_MARKERS, Floats, Scene, bend_cable, m
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis import MarkerReason, PointFrames, SortSettings, get_sorter, sort_by_chain, sort_by_paper
+from bench.analysis import (
+    MarkerReason,
+    PointFrames,
+    SortSettings,
+    calibrate_spacing,
+    get_sorter,
+    sort_by_chain,
+    sort_by_paper,
+)
 from bench.analysis.chain_costs import ChainPrior, make_costs
 from bench.errors import TooFewMarkersError
 
@@ -179,6 +187,25 @@ def test_a_room_full_of_points_is_left_unsorted_and_marked() -> None:
     found = sort_by_chain(list_frames([rng.uniform(-0.5, 0.5, (300, 3)), rng.uniform(-0.3, 0.3, (190, 3))]), CABLE)
     assert np.all(found.reason == MarkerReason.AMBIGUOUS)
     assert np.all(found.source[0] == -1)
+
+
+def test_what_was_learnt_of_the_whole_take_sorts_a_few_frames_of_it() -> None:
+    scene = make_scene(np.random.default_rng(12), swing_cable(200), swing_cable(200)[:, :2] + 0.02, 0.1, 2e-4)
+    frames, few = scene.frames(anchor(200)), np.arange(40, 60)
+    known = calibrate_spacing(frames, CABLE)
+    assert np.array_equal(
+        sort_by_chain(frames.take(few), CABLE, known).source, sort_by_chain(frames, CABLE).source[few]
+    )
+
+
+@pytest.mark.parametrize("n_markers", [1, 2, 3])
+def test_cables_of_few_markers_are_sorted_from_their_anchor(n_markers: int) -> None:
+    cable = replace(CABLE, arc_length_m=ARC_LENGTH_M[:n_markers], length_m=ARC_LENGTH_M[n_markers])
+    still = np.broadcast_to(swing_cable(1)[:, :n_markers], (30, n_markers, 3))
+    scene = make_scene(np.random.default_rng(11), still)
+    found = sort_by_chain(scene.frames(anchor(30)), cable)
+    assert np.array_equal(found.source, scene.source)
+    assert found.notes == []
 
 
 def test_recordings_without_frames_and_cables_without_order() -> None:

@@ -82,6 +82,11 @@ def test_the_curvature_is_the_cables(good: tuple[Results, np.ndarray]) -> None:
     assert np.isfinite(results.example.curve_m[results.arc_length_m >= ARC_LENGTH_M[0]]).all()
 
 
+def test_a_point_that_stands_still_is_left_out_and_said(good: tuple[Results, np.ndarray]) -> None:
+    results, _ = good
+    assert results.run_facts["Reflections"].startswith("points that stand still, left out: 1, at (")
+
+
 def test_who_stamped_the_arrivals_is_told_of_each_clock(tmp_path: Path) -> None:
     robot = DeviceInfo("robot", "ur", "192.0.2.10", detail={"stamped_by": "kernel"})
     results, _ = analyse(tmp_path, RunSpec(n_cycles=1, devices=[robot]))
@@ -226,7 +231,7 @@ def test_a_configured_anchor_and_a_configured_end_are_no_markers_of_the_cable(tm
     assert "configured, seen in 100%" in results.run_facts["Anchor"]
 
 
-def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_path: Path) -> None:
+def test_a_frame_that_folds_back_does_not_enter_the_figures(tmp_path: Path) -> None:
     x = [0, 0.06, 0.18, 0.07, 0.19, 0.08, 0.2]
     zigzag = np.array([[along, 0.001 * i**2, 0] for i, along in enumerate(x)], dtype=np.float32)
 
@@ -235,7 +240,6 @@ def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_p
 
     results, _ = analyse(tmp_path, RunSpec(change_points=fold))
     clean, _ = analyse(tmp_path, RunSpec(), "clean.mcap")
-    assert np.nanmax(results.frames.curvature_per_m[160]) > 250
     assert any(warning.startswith("1 of ") and "tighter than" in warning for warning in results.warnings)
     assert results.cycles.max_curvature_per_m == pytest.approx(clean.cycles.max_curvature_per_m, rel=0.02)
 

@@ -21,6 +21,8 @@ SAMPLED_FRAMES = 1_000
 TWO_SIGMA = 0.977
 """Of the chords, as a quantile: what a normal number exceeds by two standard deviations."""
 NOISE_SPANS = 5.0
+FEWEST_MARKERS = 3
+"""Fewer have no bend between them."""
 POOR_FIT = 0.5
 """A chain that explains less of what is seen, without doubt, is another cable's."""
 POOR_FIT_NOTE = (
@@ -63,7 +65,8 @@ def calibrate_spacing(frames: PointFrames, settings: SortSettings) -> SpacingCal
         As configured; the search must find its way with them.
     """
     prior = ChainPrior.guess(settings)
-    if frames.anchor_m is None and frames.end_m is None and is_alike_from_both_ends(settings):
+    tells_ends = frames.anchor_m is not None or frames.end_m is not None or not is_alike_from_both_ends(settings)
+    if settings.n_markers < FEWEST_MARKERS or not tells_ends:
         return SpacingCalibration(settings, prior)
     sample = spread_sample(frames)
     prior = learn_prior(sample, settings, *search(sample, settings, prior))

@@ -17,6 +17,7 @@ from bench.analysis.markers import PointFrames, SortedMarkers
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase_learning import FEWEST_CYCLES, learn_cycle
 from bench.analysis.phase_sorting import sort_by_phase, sort_by_template
+from bench.analysis.track_sorting import sort_by_track
 from bench.errors import AnalysisError
 
 __all__ = ["SORTERS", "Sorter", "get_sorter", "sort_automatically"]
@@ -31,7 +32,7 @@ class Sorter(Protocol):
 
 
 SORTERS: Mapping[str, Sorter] = MappingProxyType(
-    {"phase": sort_by_phase, "chain": sort_by_chain, "paper": sort_by_paper}
+    {"phase": sort_by_phase, "track": sort_by_track, "chain": sort_by_chain, "paper": sort_by_paper}
 )
 """Sorters by the names of `[analysis] sorting`."""
 REPEATS_SHARE = 0.08
@@ -60,8 +61,7 @@ def sort_automatically(frames: PointFrames, settings: SortSettings) -> SortedMar
     """Sort by the method that suits the recording, and take away what breaks an invariant.
 
     By the robot's cycle where at least five whole cycles were recorded and repeat: where they stray from their median
-    by little against the markers' spacing. Else by tracks through time where that sorter is there, and few frames each
-    by itself. The first note says which and why.
+    by little against the markers' spacing. Else by tracks through time, and few frames each by itself. The first note says which and why.
     """
     sort, why = _choose(frames, settings)
     markers = sort(frames, settings)
@@ -81,6 +81,4 @@ def _choose(frames: PointFrames, settings: SortSettings) -> tuple[Sorter, str]:
         if strays_mm <= REPEATS_SHARE * spacing_mm:
             by_template = partial(sort_by_template, template=template)
             return by_template, f"Sorted by the robot's cycle ('phase'), which repeats: {why}."
-    if "track" in SORTERS:
-        return SORTERS["track"], f"Sorted by tracks through time ('track'), for no cycle repeats: {why}."
-    return sort_by_chain, f"Sorted each frame by itself ('chain'), for no cycle repeats: {why}."
+    return sort_by_track, f"Sorted by tracks through time ('track'), for no cycle repeats: {why}."

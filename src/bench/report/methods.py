@@ -33,6 +33,10 @@ SORTING = {
     "Exact while every marker is seen and no ghost lies near the cable. On simulated motion with 5 % of the markers "
     "hidden and two ghosts in each frame it was exact in 64 % of the frames, and in 41 % where the cable crossed "
     "itself; a wrong marker shows as a bend that is not there.",
+    "track": "Points are joined into tracks through time, the most probable chain of single frames names the tracks, "
+    "and where a marker is hidden only a point that fits its motion before and after is taken. On a real cable with "
+    "many ghosts 99.9 % of the frames were exact and 0.03 % had a wrong label; a ghost that rides along within a few "
+    "millimetres of a hidden marker can still take its place. Markers filled in between tracks are marked.",
 }
 CURVATURE = {
     "elastica": "A heavy rod between both clamps: it hangs under its weight, bends with one stiffness for the whole "
