@@ -290,8 +290,8 @@ class AnalysisConfig(Section):
     )
     cycles: Literal["auto", "whole"] = Field(
         "auto",
-        description="'auto': as the robot shows them; without a robot as the motion repeats, at least three times, else "
-        "the whole take as cycle 0. 'whole': always that.",
+        description="'auto': as the robot shows them; without a robot as the motion repeats, at least three times, "
+        "else the whole take as cycle 0. 'whole': always that.",
     )
     marker_noise_mm: float = Field(
         0.2, gt=0, le=50, description="Standard deviation of a marker's position; 0.12-0.74 mm measured on OptiTrack."
