@@ -7,7 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run_examples import ARC_LENGTH_M, BODY_ANCHOR, BODY_M, CYCLE_S, START_S, T0_NS, RunSpec, radius_at, write_run
+from run_examples import (
+    ARC_LENGTH_M,
+    BODY_ANCHOR,
+    BODY_M,
+    CYCLE_S,
+    START_S,
+    T0_NS,
+    WAIT_S,
+    RunSpec,
+    radius_at,
+    write_run,
+)
 
 from bench.config import parse_config
 from bench.errors import AnalysisError
@@ -175,8 +186,14 @@ def test_a_recording_without_frames_is_an_error_and_no_crash(tmp_path: Path, rob
     assert len(results.cycles.cycle_index) == (3 if robot else 0)
 
 
-def test_a_take_without_a_robot_is_one_cycle_and_can_pass(tmp_path: Path) -> None:
-    spec = RunSpec(robot=False, exit_status="import", echoes=False, extra={"bench.import": {"warnings": '["A note."]'}})
+def test_a_take_without_a_robot_is_one_cycle_where_so_configured_and_can_pass(tmp_path: Path) -> None:
+    spec = RunSpec(
+        robot=False,
+        analysis='cycles = "whole"',
+        exit_status="import",
+        echoes=False,
+        extra={"bench.import": {"warnings": '["A note."]'}},
+    )
     results, truth = analyse(tmp_path, spec)
     assert results.outcome is Outcome.PASS
     assert results.exit_status == "import"
@@ -186,6 +203,18 @@ def test_a_take_without_a_robot_is_one_cycle_and_can_pass(tmp_path: Path) -> Non
     assert results.warnings == ["A note."]
     assert np.array_equal(results.frames.source, truth)
     assert [clock.method for clock in results.clocks] == ["as recorded"]
+
+
+def test_a_take_without_a_robot_has_the_cycles_of_its_motion_and_can_pass(tmp_path: Path) -> None:
+    """The example drives three cycles, each with its wait, and the beginning of a fourth."""
+    results, _ = analyse(tmp_path, RunSpec(robot=False, exit_status="import", echoes=False))
+    assert results.methods["cycles"] == "motion that repeats, phase by time"
+    assert results.cycles.verdict[:3] == ["ok"] * 3
+    assert results.cycles.duration_s[:2] == pytest.approx([CYCLE_S + WAIT_S] * 2, abs=0.03)
+    begun_s = (results.cycles.start_ns[:3] - T0_NS) * 1e-9
+    assert begun_s == pytest.approx(START_S + (CYCLE_S + WAIT_S) * np.arange(3), abs=0.08)
+    assert results.cycles.verdict[3:] == ["interrupted"]
+    assert results.outcome is Outcome.PASS
 
 
 @pytest.mark.parametrize("device", [POLE, OFFSETS], ids=["by labels", "by pose"])

@@ -41,6 +41,7 @@ from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gat
 from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
+from bench.analysis.periodicity import find_repeated_cycles
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
@@ -157,6 +158,7 @@ __all__ = [
     "find_isolated_bends",
     "find_largest_bend",
     "find_reflections",
+    "find_repeated_cycles",
     "find_static_marker",
     "find_tighter",
     "fit_elastica",

@@ -69,7 +69,11 @@ CYCLES = {
     "edge that no sample shows, for the stream had a gap or the pulse was shorter than a sample, is a cycle lost.",
     "joints' return": "A cycle is the time from leaving the start pose to being back in it and at rest. A path that "
     "rests at its start pose half-way is counted as two cycles.",
-    "whole": "No robot: the whole take counts as cycle 0, and phase is the share of its time that has passed.",
+    "motion that repeats": "No robot: the cycles are those in which the points come back to the same places, at least "
+    "three times. Each start is where the take is most like the other starts, or where motion begins after each rest; "
+    "phase is the share of the cycle's time that has passed.",
+    "whole": "No robot, and no motion that repeats three times, or so configured: the whole take counts as cycle 0, "
+    "and phase is the share of its time that has passed.",
 }
 OTHERWISE = "No figures for this method are kept with this report."
 
