@@ -102,10 +102,10 @@ def test_a_hidden_marker_costs_one_marker_where_the_end_is_known(tmp_path: Path)
         kept = {name: values[name][shown] for name in ("points_m", "ids", "flags", "residual_m")}
         return {**changed, **kept}
 
-    results, _ = analyse(tmp_path, replace(HELD, change_points=hide))
+    results, _ = analyse(tmp_path, replace(HELD, analysis='sorting = "paper"', change_points=hide))
     found = (results.frames.source >= 0).mean(axis=0)
     assert found.tolist() == [1, 1, 0, 1, 1, 1]
-    assert results.methods["sorting"] == "track"
+    assert results.methods["sorting"] == "paper, from both ends"
 
 
 def test_the_anchors_clamp_points_as_configured(tmp_path: Path) -> None:
@@ -163,8 +163,8 @@ def test_the_marker_on_the_flange_is_not_taken_for_the_cables(tmp_path: Path) ->
         merged = {name: np.concatenate([values[name], np.array(one)]) for name, one in more.items()}
         return {**values, **{name: merged[name].astype(values[name].dtype) for name in more}}
 
-    spec = RunSpec(change_state=move, change_points=show, analysis='sorting = "paper"')
-    fooled, truth = analyse(tmp_path, spec)
+    spec = RunSpec(change_state=move, change_points=show)
+    fooled, truth = analyse(tmp_path, replace(spec, analysis='sorting = "paper"'))
     assert (fooled.frames.source != truth).any(axis=1).mean() > 0.5
     (tmp_path / "run.mcap").unlink()
     results, truth = analyse(tmp_path, replace(spec, extra_toml=CALIBRATED))
