@@ -5,7 +5,7 @@ from cable_examples import make_rotation, make_scene, swing_cable
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.analysis import centre_of_labeled, match_body
+from bench.analysis import bridge_poses, centre_of_labeled, match_body
 
 BODY = np.array([[-0.0375, -0.002, 0.026], [0.0375, -0.004, 0.011], [0.0025, 0.011, -0.044], [-0.0025, -0.004, 0.006]])
 
@@ -67,3 +67,22 @@ def test_labels_give_the_centre_and_the_pose_where_some_are_hidden() -> None:
     assert np.allclose(np.delete(centre, 4, axis=0), np.delete(markers.mean(axis=1), 4, axis=0), atol=1e-6)
     nobody = centre_of_labeled(scene.points_m, scene.offsets, ~scene.usable, fallback)
     assert np.array_equal(nobody, fallback)
+
+
+def test_a_body_that_moves_and_is_lost_for_a_moment_keeps_its_markers_and_not_for_longer() -> None:
+    rng, n_frames = np.random.default_rng(4), 60
+    time_ns, angle = np.arange(n_frames) * 10_000_000, np.linspace(0, 1.2, n_frames)
+    quaternion = np.stack([0 * angle, 0 * angle, np.sin(angle / 2), np.cos(angle / 2)], axis=1)
+    quaternion *= rng.choice([-1.0, 1.0], n_frames)[:, None]
+    position = 2.0 + 0.3 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    c, s, z = np.cos(angle), np.sin(angle), 0 * angle
+    turn = np.moveaxis(np.array([[c, -s, z], [s, c, z], [z, z, z + 1]]), 2, 0)
+    scene = make_scene(rng, swing_cable(n_frames), position[:, None] + np.einsum("fij,mj->fmi", turn, BODY), 0.0, 1e-4)
+    lost = np.isin(np.arange(n_frames), [0, 10, 11, 12, 13, *range(30, 45), 59])
+    position[lost], quaternion[lost] = np.nan, np.nan
+    bridged = bridge_poses(time_ns, position, quaternion)
+    assert np.flatnonzero(np.isnan(bridged[0][:, 0])).tolist() == [0, *range(30, 45), 59]
+    found = match_body(scene.points_m, scene.offsets, *bridged, BODY)
+    rows = scene.offsets[:-1, None] + scene.extra_source
+    assert found.is_body[rows[np.isfinite(bridged[0][:, 0])]].all()
+    assert found.is_body.sum() == 4 * (n_frames - 17)

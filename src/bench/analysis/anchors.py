@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, pad_points
+from bench.analysis.arrays import Bools, Floats, Floats32, Ints, frame_of_points, pad_points
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.greedy import follow_chain
 from bench.errors import AnalysisError
@@ -96,18 +96,19 @@ def locate_static_marker(
     return StaticMarker(place if presence >= 0.5 else np.asarray(position_m, dtype=np.float64), presence)
 
 
-def exclude_near(points_m: Floats32, offsets: Ints, usable: Bools, position_m: Floats) -> Bools:
+def exclude_near(
+    points_m: Floats32, offsets: Ints, usable: Bools, position_m: Floats, radius_m: float = STATIC_RADIUS_M
+) -> Bools:
     """Return `usable` without the points that are a known marker itself: the nearest one of each frame, if near.
 
     `position_m` is (3,) for a static marker, (F, 3) for one that moves, NaN where its place is not known.
     """
-    kept, place = usable.copy(), np.broadcast_to(position_m, (len(offsets) - 1, 3))
-    for start, stop in chunks(len(offsets) - 1):
-        frames = np.arange(start, stop)
-        position, free = pad_points(points_m, offsets, usable, frames)
-        distance = _distance(position, free, place[frames, None])
-        seen = distance.min(axis=1) <= STATIC_RADIUS_M
-        kept[offsets[frames][seen] + distance.argmin(axis=1)[seen]] = False
+    kept, place = usable.copy(), position_m if position_m.ndim == 1 else position_m[frame_of_points(offsets)]
+    apart = np.linalg.norm(points_m - place, axis=1)
+    near = np.flatnonzero(usable & (apart <= radius_m))
+    near = near[np.argsort(apart[near], kind="stable")]
+    _, nearest = np.unique(np.searchsorted(offsets, near, side="right"), return_index=True)
+    kept[near[nearest]] = False
     return kept
 
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, frame_of_points, pad_points
 
-__all__ = ["BodyMatch", "centre_of_labeled", "match_body", "rotate"]
+__all__ = ["BodyMatch", "bridge_poses", "centre_of_labeled", "match_body", "rotate"]
 
 MATCH_RADIUS_M = 0.004
 """A body's marker lies within this of where the body's pose puts it: mean errors of tracked bodies are 0.1 to 1 mm."""
+LONGEST_BRIDGE_NS = 100_000_000
+"""Through gaps of 0.09 s in the motion of a real gripper a spline puts nearly all of its markers within the radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +42,34 @@ def rotate(quaternion_xyzw: Floats, vectors_m: Floats) -> Floats:
         ]
     )
     return np.asarray(np.einsum("ijf,mj->fmi", matrix, vectors_m), dtype=np.float64)
+
+
+def bridge_poses(time_ns: Ints, position_m: Floats, quaternion_xyzw: Floats) -> tuple[Floats, Floats]:
+    """Return a body's poses with short gaps filled by a cubic spline through the known ones.
+
+    A tracker that loses a body for some frames still lists those of its markers that it sees.
+
+    Parameters
+    ----------
+    time_ns : (F,)
+        Capture times, ascending.
+    position_m, quaternion_xyzw : (F, 3), (F, 4)
+        NaN where the body was not tracked; after the call, only in gaps longer than 0.1 s and at the ends.
+    """
+    pose = np.concatenate([position_m, quaternion_xyzw], axis=1)
+    known = np.flatnonzero(np.isfinite(pose).all(axis=1))
+    known = known[np.diff(time_ns[known], prepend=-1) > 0]
+    if len(known) < 2:
+        return position_m, quaternion_xyzw
+    # a quaternion and its negative are the same turn
+    kept = np.sign((quaternion_xyzw[known[1:]] * quaternion_xyzw[known[:-1]]).sum(axis=1))
+    pose[known[1:], 3:] *= np.cumprod(np.where(kept < 0, -1.0, 1.0))[:, None]
+    since_s = (time_ns - time_ns[known[0]]) * 1e-9
+    gap_ns, place = np.diff(time_ns[known]), np.searchsorted(known, np.arange(len(pose)))
+    inside = ~np.isfinite(pose).all(axis=1) & (place > 0) & (place < len(known))
+    lost = np.flatnonzero(inside)[gap_ns[place[inside] - 1] <= LONGEST_BRIDGE_NS]
+    pose[lost] = CubicSpline(since_s[known], pose[known])(since_s[lost])
+    return pose[:, :3], pose[:, 3:]
 
 
 def match_body(

@@ -16,7 +16,7 @@ from bench.analysis.chain_prior import (
     known_places,
     search,
 )
-from bench.analysis.chain_spacing import calibrate_spacing
+from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.free_chain import orient_alike
 from bench.analysis.gates import SortSettings
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
@@ -25,7 +25,9 @@ from bench.errors import TooFewMarkersError
 __all__ = ["sort_by_chain"]
 
 
-def sort_by_chain(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
+def sort_by_chain(
+    frames: PointFrames, settings: SortSettings, known: SpacingCalibration | None = None
+) -> SortedMarkers:
     """Sort by the most probable chain of points, each frame by itself.
 
     Every chain of points within the cable's reach is weighed by its distances, its turning angles, its hidden markers
@@ -38,6 +40,14 @@ def sort_by_chain(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
     both ends and its other end is unknown too. A cable of this kind without any anchor is sorted as `sort_by_paper`
     does: all frames get the direction of the first.
 
+    Parameters
+    ----------
+    frames : PointFrames
+    settings : SortSettings
+        As configured.
+    known : SpacingCalibration, optional
+        What `calibrate_spacing` learnt of this cable, for some of the frames that it was learnt from.
+
     Raises
     ------
     TooFewMarkersError
@@ -49,7 +59,7 @@ def sort_by_chain(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
             "to tell their order.",
             hint="Give the cable an anchor ([cable.anchor]) or more markers.",
         )
-    measured = calibrate_spacing(frames, settings)
+    measured = known or calibrate_spacing(frames, settings)
     settings, prior = measured.settings, measured.prior
     if frames.anchor_m is None and frames.end_m is None and is_alike_from_both_ends(settings):
         source, margin = _sort_with_one_direction(frames, settings, prior)

@@ -17,7 +17,7 @@ def correlation_length(residual: Floats) -> float:
     independent ones would have.
     """
     centred = residual - residual.mean(axis=0)
-    centred /= np.maximum(centred.std(axis=0), np.finfo(float).tiny)
+    centred /= np.maximum(centred.std(axis=0), np.finfo(float).eps)  # a constant's rounding is no series
     size = 1 << (2 * len(centred) - 1).bit_length()
     power = np.square(np.abs(np.fft.rfft(centred, size, axis=0))).sum(axis=1)
     lags = np.fft.irfft(power, size)[: len(centred) // 2]

@@ -16,9 +16,11 @@ from bench.analysis import (
     PointFrames,
     SortSettings,
     StaticMarker,
+    bridge_poses,
     centre_of_labeled,
     check_points,
     exclude_near,
+    find_reflections,
     find_static_marker,
     is_symmetric,
     locate_static_marker,
@@ -97,6 +99,7 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
         _set_static_anchor(start, frames, config, table)
     else:
         _go_without_anchor(start, config)
+    _exclude_reflections(start, frames, config)
     start.warnings.extend(bodies.warnings)
     return start
 
@@ -170,11 +173,13 @@ class TrackedBodies:
 
     def _match(self, body_id: int, name: str, markers_m: Floats) -> None:
         position, quaternion = self.poses(body_id)
-        found = match_body(self._frames.points_m, self._frames.offsets, position, quaternion, markers_m)
-        n_expected = int(np.isfinite(position[:, 0]).sum()) * len(markers_m)
+        bridged = bridge_poses(self._frames.time_ns, position, quaternion)
+        found = match_body(self._frames.points_m, self._frames.offsets, *bridged, markers_m)
+        is_tracked = np.isfinite(position[:, :1])
+        n_expected = int(is_tracked.sum()) * len(markers_m)
         if found.is_body.sum() * 2 >= n_expected:
             self.is_body |= found.is_body
-            self._centres[body_id] = found.centre_m
+            self._centres[body_id] = np.where(is_tracked, found.centre_m, np.nan)
         elif not self._has_labels(body_id):
             self.warnings.append(
                 f"Fewer than half of the markers of the rigid body '{name}' are where its pose puts them: "
@@ -219,7 +224,8 @@ def _body_anchor(start: ChainStart, bodies: TrackedBodies, holder: HolderConfig)
     start.facts["Anchor"] = f"{'clamp' if holder.clamp_m else 'centre of gravity'} of the rigid body '{name}'"
     if n_lost:
         start.warnings.append(
-            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: they are not sorted."
+            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: nothing tells where the "
+            "cable starts in them."
         )
     return anchor
 
@@ -265,6 +271,14 @@ def _go_without_anchor(start: ChainStart, config: Config) -> None:
             "Without an anchor, spacings that are the same from both ends do not tell which end is first: arc lengths "
             "may count from the other end, and frames with a hidden marker are not sorted."
         )
+
+
+def _exclude_reflections(start: ChainStart, frames: TrackerFrames, config: Config) -> None:
+    found = find_reflections(list_points(frames, start), make_sort_settings(config))
+    if len(found.place_m):
+        places = "; ".join(", ".join(f"{value:.3f}" for value in place) for place in found.place_m)
+        start.facts["Reflections"] = f"points that stand still, left out: {len(found.place_m)}, at ({places}) m"
+        start.usable = found.usable
 
 
 def _locate(

@@ -19,6 +19,11 @@ class MethodNote:
 
 
 SORTING = {
+    "phase": "Each marker is where it was at the same place of the robot's path: the median of cycles that the most "
+    "probable chain sorts, moved by what this cycle strays from it; the median follows the cable over the test. On "
+    "simulated crossing motion that no number was chosen on, with 5 % of the markers hidden and two ghosts, 99.98 % of "
+    "the frames were exact; with 10 % and four ghosts, most of them beside the cable, 99.9 %; with 25 markers at 40 mm "
+    "99.9 %. What is left are ghosts within millimetres of a hidden marker, some riding along with it.",
     "chain": "The most probable chain of points in each frame by itself: by distances and turning angles, which are "
     "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden one can take "
     "its place: with 5 % of the markers hidden and two ghosts in each simulated frame that costs up to 1 % of the "
@@ -28,6 +33,10 @@ SORTING = {
     "Exact while every marker is seen and no ghost lies near the cable. On simulated motion with 5 % of the markers "
     "hidden and two ghosts in each frame it was exact in 64 % of the frames, and in 41 % where the cable crossed "
     "itself; a wrong marker shows as a bend that is not there.",
+    "track": "Points are joined into tracks through time, the most probable chain of single frames names the tracks, "
+    "and where a marker is hidden only a point that fits its motion before and after is taken. On a real cable with "
+    "many ghosts 99.9 % of the frames were exact and 0.03 % had a wrong label; a ghost that rides along within a few "
+    "millimetres of a hidden marker can still take its place. Markers filled in between tracks are marked.",
 }
 CURVATURE = {
     "elastica": "A heavy rod between both clamps: it hangs under its weight, bends with one stiffness for the whole "
@@ -38,12 +47,13 @@ CURVATURE = {
     "rest: strands that slip as it bends, read with one stiffness, gave 9 to 38 % too low; motion above 0.5 m/s a "
     "range at the clamp 21 % too low. Then it misses the markers, and the report warns.",
     "menger_gp": "Circles through neighbouring markers, and from a clamp's known direction to the next marker, "
-    "smoothed as the recording's own frames tell; its band is the posterior's. On a circle of eight markers with "
-    "0.2 mm noise the radius errs by 0.1 %, on a catenary of twelve by 14 % where it is flattest, and the band "
-    "holds the truth in 99 % of places. Bends beside a clamp that are shorter than the distance between markers it "
-    "cannot see, and then its band does not hold them: on simulated clamped cables (markers every 167 mm) it read "
-    "the largest curvature 4, 24 and 56 % too low where the true smallest radius was 81, 43 and 27 mm, and 22, 64 "
-    "and 82 % without the clamps' directions. On a straight cable it reads noise, up to two standard deviations.",
+    "smoothed as the recording's own frames tell; its band is the posterior's, widened where single bends miss it. "
+    "On a circle of eight markers with 0.2 mm noise the radius errs by 0.1 %, on a catenary of twelve by 14 % where "
+    "it is flattest, and the band holds the truth in 99 % of places. A bend beside a clamp that is shorter than the "
+    "distance between markers it cannot see, and then its band does not hold the peak: on simulated clamped cables "
+    "(markers every 167 mm) it read the largest curvature 4, 24 and 56 % too low where the true smallest radius was "
+    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions; the report warns of the worst of these. "
+    "On a straight cable it reads noise, up to two standard deviations.",
     "spline": "A cubic spline through the markers, bent freely at both ends. It cannot see a bend shorter than the "
     "distance between markers, and cables bend most in just such places: beside the clamps. On simulated clamped "
     "cables (markers every 167 mm) it read the largest curvature 3, 33, 61 and 74 % too low where the true smallest "
@@ -59,7 +69,11 @@ CYCLES = {
     "edge that no sample shows, for the stream had a gap or the pulse was shorter than a sample, is a cycle lost.",
     "joints' return": "A cycle is the time from leaving the start pose to being back in it and at rest. A path that "
     "rests at its start pose half-way is counted as two cycles.",
-    "whole": "No robot: the whole take counts as cycle 0, and phase is the share of its time that has passed.",
+    "motion that repeats": "No robot: the cycles are those in which the points come back to the same places, at least "
+    "three times. Each start is where the take is most like the other starts, or where motion begins after each rest; "
+    "phase is the share of the cycle's time that has passed.",
+    "whole": "No robot, and no motion that repeats three times, or so configured: the whole take counts as cycle 0, "
+    "and phase is the share of its time that has passed.",
 }
 OTHERWISE = "No figures for this method are kept with this report."
 

@@ -14,6 +14,7 @@ from bench.analysis import (
     PointFrames,
     SortedMarkers,
     fill_from_end,
+    find_folds,
     find_isolated_bends,
     find_tighter,
     fit_spline,
@@ -28,10 +29,6 @@ __all__ = ["TracedCable", "trace_cable"]
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
 
-SPLINE = "spline"
-"""The curve that judges the sorting, whatever the figures are from: it goes through every marker, so that a wrong one
-shows as a tight bend, where a smoother curve or a rod would pass it by."""
-
 
 @dataclass(frozen=True, eq=False)
 class TracedCable:
@@ -44,7 +41,7 @@ class TracedCable:
     trusted: Bools
     """(F,): the frame may enter the figures: confident enough, not impossible, not isolated."""
     impossible: Bools
-    """(F,): bent tighter than the cable's own radius somewhere, so wrongly sorted."""
+    """(F,): bent tighter than the cable's own radius somewhere, or folded back, so wrongly sorted."""
     isolated: Bools
     """(F,): bent far tighter than just before and after, so probably wrongly sorted."""
     isolated_bend_per_m: float
@@ -68,11 +65,13 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
-    markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
+    markers = get_sorter(analysis.sorting)(points, settings)
+    if markers.method == "paper":
+        markers = fill_from_end(points, markers, settings)
     noise_m = analysis.marker_noise_mm * 1e-3
     curve = get_estimator(analysis.curvature)(markers.position_m, marker_places, places, noise_m, ends=ends)
-    drawn = curve if curve.method == SPLINE else fit_spline(markers.position_m, marker_places, places, noise_m)
-    impossible = find_tighter(drawn.curvature_per_m, 2e3 / config.cable.diameter_mm)
+    drawn = fit_spline(markers.position_m, marker_places, _judged_places(marker_places), noise_m)
+    impossible = find_tighter(drawn.curvature_per_m, 2e3 / config.cable.diameter_mm) | find_folds(markers.position_m)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
     isolated = find_isolated_bends(drawn.curvature_per_m, drawn.sigma_per_m, plausible, points.time_ns)
     return TracedCable(
@@ -86,6 +85,14 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
         arc_length_m=places,
         marker_arc_length_m=marker_places,
     )
+
+
+def _judged_places(marker_places: Floats) -> Floats:
+    """Return where the curve through every marker is asked for wrong labels: at the markers and half way between.
+
+    A smooth curve averages a wrong label away; the spline goes through it and is bent most there.
+    """
+    return np.sort(np.concatenate([marker_places, (marker_places[1:] + marker_places[:-1]) / 2]))
 
 
 def _find_span(marker_places: Floats, ends: ClampedEnds | None) -> tuple[float, float]:
