@@ -6,6 +6,7 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
+from bench.analysis.best_curve import estimate_best
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
@@ -145,6 +146,7 @@ __all__ = [
     "describe_drift",
     "describe_source",
     "draw_motion",
+    "estimate_best",
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "estimate_pulse_offset",

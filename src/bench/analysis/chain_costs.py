@@ -136,8 +136,10 @@ class _Distance:
 
     def tabulate(self, cost: Callable[[Floats], Floats]) -> tuple[float, float, Floats]:
         """Return the shortest and the longest distance that is to be tried, and the costs between."""
-        low = max(self.length - MOST_SCALES * (self.scale + self.sigma), 0.0)
-        fine = np.linspace(low, self.length + MOST_SIGMAS * self.sigma, 4 * BINS + 1)
+        low, high = self.length - MOST_SCALES * (self.scale + self.sigma), self.length + MOST_SIGMAS * self.sigma
+        if len(self.seen) >= FEWEST_SEEN:
+            low, high = min(low, float(self.seen.min())), max(high, float(self.seen.max()))
+        fine = np.linspace(max(low, 0.0), high, 4 * BINS + 1)
         costs = cost(fine)
         tried = fine[costs <= costs.min() + CUT]
         low, high = float(tried[0]), max(float(tried[-1]), float(tried[0]) + LEAST_LENGTH_M)
@@ -190,7 +192,7 @@ def _mix(physics: Floats, at: Floats, measure: Floats, spread: float) -> Floats:
     count = gaussian_filter1d(np.bincount(inside, minlength=len(physics)).astype(np.float64), width, mode="constant")
     seen = count / gaussian_filter1d(measure, width, mode="nearest")
     share = PRIOR_FRAMES / (PRIOR_FRAMES + len(at))
-    return share * physics + (1 - share) * seen / len(at)
+    return np.maximum(share * physics + (1 - share) * seen / len(at), np.finfo(float).tiny)
 
 
 def _tabulate_ends(place: Floats, settings: SortSettings, prior: ChainPrior) -> tuple[Floats, Floats]:
