@@ -8,7 +8,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,17 +15,17 @@ import numpy as np
 import psutil
 import pyarrow.parquet as pq
 from benchmarks.calibration import measure_calibration
+from benchmarks.curvature import measure_curvature
 from benchmarks.losses import measure_losses
 from benchmarks.reading import measure_reading
 from benchmarks.recording import measure_recording
 from benchmarks.report import measure_report
 from benchmarks.robot_link import measure_robot_link
+from benchmarks.sorting import measure_sorting
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
 from benchmarks.tracker_link import measure_tracker_link
-from scipy.interpolate import CubicSpline
 
-from bench.analysis import fit_spline
 from bench.config import simulated_config_text
 from bench.recording import open_run
 
@@ -55,9 +54,10 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
         folder = Path(name)
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
-        rows += [*measure_reading(folder, full), measure_curvature()]
+        rows += [*measure_reading(folder, full), *measure_curvature()]
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_report(folder, full, bench)
+        rows += measure_sorting()
         rows += measure_take_import(folder, full, bench)
         rows += measure_calibration(folder, bench)
         rows += measure_recording(full)
@@ -85,27 +85,6 @@ def measure_main_job(folder: Path, n_cycles: int) -> list[Row]:
         ratio_row("report, one core, all of it: frames/s", frames_per_s, wanted_per_s, "limit"),
         ratio_row("report: peak memory, MB", report.peak_bytes / 1e6, REPORT_LIMIT_BYTES / 1e6, "limit"),
     ]
-
-
-def measure_curvature() -> Row:
-    """Draw the paper's spline through 10 markers, 100 samples, against a CubicSpline for each frame."""
-    rng = np.random.default_rng(1)
-    arc = np.linspace(0.06, 1.14, 10)
-    markers = np.stack([np.cos(arc * 3), np.sin(arc * 3), arc], axis=1) + rng.normal(0, 2e-4, (20_000, 10, 3))
-    sample = np.linspace(arc[0], arc[-1], 100)
-
-    def ours() -> int:
-        fit_spline(markers.astype(np.float32), arc, sample, 2e-4)
-        return len(markers)
-
-    def peer() -> int:
-        for frame in markers[:2000]:
-            spline = CubicSpline(arc, frame)
-            first, second = spline(sample, 1), spline(sample, 2)
-            np.linalg.norm(np.cross(first, second), axis=1) / np.linalg.norm(first, axis=1) ** 3
-        return 2000
-
-    return ratio_row("curvature with its sd, frames/s", rate(ours), rate(peer), "scipy CubicSpline loop")
 
 
 def measure_paper_sorting(folder: Path, n_cycles: int) -> list[Row]:
@@ -177,17 +156,6 @@ def _watch(watched: psutil.Process, process: subprocess.Popen[bytes]) -> tuple[f
         time.sleep(0.02)
     process.wait()
     return cpu_s, peak_bytes
-
-
-def rate(work: Callable[[], int]) -> float:
-    """Return how many things a second `work` does: the best of three, after one to warm up."""
-    work()
-    best = 0.0
-    for _ in range(3):
-        begin = time.perf_counter()
-        n = work()
-        best = max(best, n / (time.perf_counter() - begin))
-    return best
 
 
 if __name__ == "__main__":

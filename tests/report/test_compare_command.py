@@ -69,6 +69,7 @@ def test_settings_of_another_file_are_used_for_both(runs, tmp_path):
         (None, {}, r"Give either B\.mcap or --shape"),
         ("two.mcap", {"shape": ShapeKind.STRAIGHT}, r"Give either B\.mcap or --shape"),
         (None, {"shape": ShapeKind.STRAIGHT, "align": [Alignment.TIME]}, r"--align belongs to B\.mcap"),
+        ("two.mcap", {"a_mm": 500.0}, "--a-mm belongs to --shape"),
         (None, {"shape": ShapeKind.CIRCLE}, "--shape circle needs --radius-mm"),
     ],
 )

@@ -106,6 +106,16 @@ def test_phases_told_by_other_means_are_said(first, second):
     assert not any("told by different means" in note for note in compare_runs(told, told).notes)
 
 
+def test_a_motion_that_was_hardly_seen_is_said_to_be(first, second):
+    position = second.frames.position_m.copy()
+    position[second.frames.cycle_phase > 0.3] = np.nan
+    blind = dataclasses.replace(second, frames=dataclasses.replace(second.frames, position_m=position))
+    found = compare_runs(first, blind)
+    assert found.difference.compared < 0.4
+    assert "Less than half of the motion could be compared" in found.notes[-1]
+    assert "Less than half" not in compare_runs(first, second).notes[-1]
+
+
 def test_three_markers_are_too_few(first, second):
     with pytest.raises(TooFewMarkersError, match=r"second\.mcap has 3 markers; at least 4"):
         compare_runs(first, with_markers(second, slice(0, 3)))
@@ -138,7 +148,7 @@ def test_page_table_and_summary_are_written_once(first, second, tmp_path):
     assert text.count("<svg") == 2
     table = pq.read_table(tmp_path / "out" / "difference.parquet")
     assert table.num_rows == found.difference.distance_m.size
-    np.testing.assert_allclose(table["distance_m"].to_numpy(), found.difference.distance_m.ravel())
+    np.testing.assert_allclose(table["distance_m"].to_numpy(), found.difference.distance_m.ravel(), rtol=1e-6)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text("utf-8"))
     assert summary["e_mm"] == pytest.approx(1e3 * found.difference.e_m)
     reference = RESULTS_PAGE.read_text("utf-8")

@@ -231,7 +231,7 @@ def test_a_configured_anchor_and_a_configured_end_are_no_markers_of_the_cable(tm
     assert "configured, seen in 100%" in results.run_facts["Anchor"]
 
 
-def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_path: Path) -> None:
+def test_a_frame_that_folds_back_does_not_enter_the_figures(tmp_path: Path) -> None:
     x = [0, 0.06, 0.18, 0.07, 0.19, 0.08, 0.2]
     zigzag = np.array([[along, 0.001 * i**2, 0] for i, along in enumerate(x)], dtype=np.float32)
 
@@ -240,7 +240,6 @@ def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_p
 
     results, _ = analyse(tmp_path, RunSpec(change_points=fold))
     clean, _ = analyse(tmp_path, RunSpec(), "clean.mcap")
-    assert np.nanmax(results.frames.curvature_per_m[160]) > 250
     assert any(warning.startswith("1 of ") and "tighter than" in warning for warning in results.warnings)
     assert results.cycles.max_curvature_per_m == pytest.approx(clean.cycles.max_curvature_per_m, rel=0.02)
 

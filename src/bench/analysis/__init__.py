@@ -28,27 +28,30 @@ from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
 from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
+from bench.analysis.folds import find_folds
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
+from bench.analysis.invariants import take_broken_away
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
 from bench.analysis.phase import phase_from_register, phase_from_time
-from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend
+from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
+from bench.analysis.phase_sorting import sort_by_phase
 from bench.analysis.point_checks import PointChecks, check_points
 from bench.analysis.radius import BendRadius, bend_radius
 from bench.analysis.reflections import Reflections, find_reflections
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
 from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size, verify_on_shape
 from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
-from bench.analysis.sorting import SORTERS, Sorter, get_sorter
+from bench.analysis.sorting import SORTERS, Sorter, get_sorter, sort_automatically
 from bench.analysis.sources import (
     CycleFollower,
     CycleSource,
@@ -61,6 +64,7 @@ from bench.analysis.spacing import MarkerPlaces, measure_marker_places
 from bench.analysis.spline import fit_spline, interpolate_curve
 from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
+from bench.analysis.track_sorting import sort_by_track
 from bench.analysis.tracks import PoseTrack
 from bench.analysis.twist_free import resolve_curvature
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
@@ -147,6 +151,7 @@ __all__ = [
     "fastest_speed",
     "fill_from_end",
     "find_cycles",
+    "find_folds",
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
@@ -176,6 +181,7 @@ __all__ = [
     "make_ends",
     "make_frames",
     "make_gates",
+    "map_by_phase",
     "match_body",
     "measure_distances",
     "measure_errors",
@@ -190,10 +196,14 @@ __all__ = [
     "resolve_curvature",
     "see_lamp",
     "shift_motion",
+    "sort_automatically",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_phase",
+    "sort_by_track",
     "spread_frames",
     "summarise_cycles",
+    "take_broken_away",
     "verify_on_shape",
     "whole_take",
 ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import make_interp_spline
 
-from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks
+from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, median_of_rows
 
 __all__ = ["CycleShapes", "ShapeDistances", "gather_shapes", "measure_distances"]
 
@@ -123,17 +123,15 @@ def _make_template(frames: Ints, phase: Floats, position_m: Floats32, usual: flo
     count = np.add.reduceat(known.astype(np.float64), first, axis=0)
     with np.errstate(invalid="ignore"):
         mean = _fill_gaps(np.add.reduceat(position, first, axis=0) / count)
-    left = np.split(position_m[frames] - _Template(centre, mean, 0.5 / n_bins).at(phase[frames]), first[1:])
+    left = np.split(
+        (position_m[frames] - _Template(centre, mean, 0.5 / n_bins).at(phase[frames])).astype(np.float32), first[1:]
+    )
     return _Template(centre, mean + np.nan_to_num(np.array([_median(part) for part in left])), 0.5 / n_bins)
 
 
 def _median(values: Floats | Floats32) -> Floats:
     """Return the median over the first axis without its NaNs; NaN where nothing else is."""
-    ascending = np.sort(values, axis=0).astype(np.float64)  # NaNs go last
-    count = np.isfinite(ascending).sum(axis=0, keepdims=True)
-    low = np.take_along_axis(ascending, np.maximum((count - 1) // 2, 0), axis=0)
-    high = np.take_along_axis(ascending, np.minimum(count // 2, len(values) - 1), axis=0)
-    return np.asarray(np.where(count > 0, (low + high) / 2, np.nan)[0])
+    return median_of_rows(values.reshape(len(values), -1)).reshape(values.shape[1:])
 
 
 def _fill_gaps(place_m: Floats) -> Floats:

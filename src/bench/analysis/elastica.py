@@ -8,7 +8,7 @@ import numpy as np
 
 from bench.analysis.arrays import Floats, Floats32
 from bench.analysis.curve import ClampedEnds, CurveEstimate
-from bench.analysis.rod_frames import find_cells, place_in_rod
+from bench.analysis.rod_frames import RodFrames, ShapeCells, find_cells, place_in_rod
 from bench.analysis.rod_law import FittedLaw, fit_law
 from bench.analysis.rod_mesh import make_rod_mesh
 from bench.analysis.rod_notes import describe_fit, warn_of_fit
@@ -20,10 +20,28 @@ __all__ = ["FittedRod", "fit_elastica", "fit_rod"]
 
 @dataclass(frozen=True, eq=False)
 class FittedRod:
-    """The heavy rod's curve, and the law of bending it was found with."""
+    """The law of bending that suits a recording of F frames, with the shapes that it was found with."""
 
-    curve: CurveEstimate
     law: FittedLaw
+    frames: RodFrames
+    cells: ShapeCells
+    n_frames: int
+
+    def read(self, arc_length_m: Floats, *, with_vector: bool = False) -> CurveEstimate:
+        """Return the curvature at arc lengths (G,)."""
+        shape = (self.n_frames, len(arc_length_m))
+        curvature, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+        vector = np.full((*shape, 3), np.nan, dtype=np.float32) if with_vector else None
+        residual = np.full(self.n_frames, np.nan, dtype=np.float32)
+        inside = np.flatnonzero((arc_length_m >= 0.0) & (arc_length_m <= self.frames.length_m))
+        for part in read_cells(self.frames, self.cells, self.law, arc_length_m[inside], with_vector=with_vector):
+            frames = self.frames.row[part.frame]
+            rows = np.ix_(frames, inside)
+            curvature[rows], sigma[rows], residual[frames] = part.curvature_per_m, part.sigma_per_m, part.residual_m
+            if vector is not None:
+                vector[rows] = part.vector_per_m
+        warnings = warn_of_fit(self.law, residual)
+        return CurveEstimate(curvature, sigma, vector, residual, "elastica", [describe_fit(self.law)], warnings)
 
 
 def fit_elastica(
@@ -72,34 +90,14 @@ def fit_elastica(
     AnalysisError
         A clamp's place or direction is known in no frame, or no rod in balance suits the frames.
     """
-    return fit_rod(position_m, marker_arc_length_m, arc_length_m, noise_m, ends=ends, with_vector=with_vector).curve
+    rod = fit_rod(position_m, marker_arc_length_m, noise_m, ends)
+    return rod.read(arc_length_m, with_vector=with_vector)
 
 
-def fit_rod(
-    position_m: Floats32,
-    marker_arc_length_m: Floats,
-    arc_length_m: Floats,
-    noise_m: float,
-    *,
-    ends: ClampedEnds | None = None,
-    with_vector: bool = False,
-) -> FittedRod:
-    """Fit as `fit_elastica` does, and return the law of bending with the curve."""
-    shape = (len(position_m), len(arc_length_m))
-    curvature, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
-    vector = np.full((*shape, 3), np.nan, dtype=np.float32) if with_vector else None
-    residual = np.full(len(position_m), np.nan, dtype=np.float32)
+def fit_rod(position_m: Floats32, marker_arc_length_m: Floats, noise_m: float, ends: ClampedEnds | None) -> FittedRod:
+    """Fit the law of bending to a recording, as `fit_elastica` does before it reads the curvature."""
     frames = place_in_rod(position_m, ends, noise_m)
     cells = find_cells(frames)
     mesh = make_rod_mesh(frames.length_m, frames.up)
     law = fit_law(cells, RodModel(mesh, marker_arc_length_m, np.zeros(3), noise_m))
-    inside = np.flatnonzero((arc_length_m >= 0.0) & (arc_length_m <= frames.length_m))
-    for part in read_cells(frames, cells, law, arc_length_m[inside], with_vector=with_vector):
-        rows = np.ix_(frames.row[part.frame], inside)
-        curvature[rows], sigma[rows] = part.curvature_per_m, part.sigma_per_m
-        residual[frames.row[part.frame]] = part.residual_m
-        if vector is not None:
-            vector[rows] = part.vector_per_m
-    warnings = warn_of_fit(law, residual, marker_arc_length_m, noise_m)
-    curve = CurveEstimate(curvature, sigma, vector, residual, "elastica", [describe_fit(law)], warnings)
-    return FittedRod(curve, law)
+    return FittedRod(law, frames, cells, len(position_m))

@@ -91,7 +91,8 @@ def fit_menger_gp(
         The magnitude of the posterior mean vector, and the posterior standard deviation of a component. It holds noise
         and what lies between markers as far as the rest of the recording tells; it does not hold bends beside clamps
         that are shorter than anything the markers show. On a straight cable the magnitude is noise's own: up to two
-        standard deviations, never below zero.
+        standard deviations, never below zero. The residual is how far the markers lie off the curve, across the cable:
+        a part of their noise. It is far more where markers are dense and one is not what it is taken for.
 
     References
     ----------
@@ -103,18 +104,20 @@ def fit_menger_gp(
     nodes = _gather_nodes(position_m, marker_arc_length_m, noise_m, ends)
     shape = (len(position_m), len(arc_length_m))
     curvature, sigma = np.full(shape, np.nan, dtype=np.float32), np.full(shape, np.nan, dtype=np.float32)
+    residual = np.full(len(position_m), np.nan, dtype=np.float32)
     vector = np.full((*shape, 3) if with_vector else (0, 0, 3), np.nan, dtype=np.float32)
-    groups, notes = nodes.group(), []
+    groups, notes, warnings = nodes.group(), [], []
     if groups:
         smoothness = learn_smoothness(_sample(nodes, groups), nodes.layout)
-        notes = _describe(smoothness, marker_arc_length_m)
+        notes = [_describe(smoothness)]
+        warnings = _warn_of_coarse(smoothness, marker_arc_length_m)
         prior = make_prior(nodes.layout, arc_length_m, smoothness.amplitude_per_m, smoothness.length_m)
         for chain, frames in groups:
             matrices = make_curve_matrices(chain, prior, arc_length_m)
             known = nodes.position_m, nodes.tangent, frames, chain.seen, chain.held, chain.reach_m, chain.share
             weight, own = matrices.weight.astype(np.float32), matrices.sigma_per_m.astype(np.float32)
-            apply_weights(*known, weight, own, curvature, sigma, vector)
-    return CurveEstimate(curvature, sigma, vector if with_vector else None, method="menger_gp", notes=notes)
+            apply_weights(*known, weight, own, matrices.offset_m2, curvature, sigma, residual, vector)
+    return CurveEstimate(curvature, sigma, vector if with_vector else None, residual, "menger_gp", notes, warnings)
 
 
 def _gather_nodes(position_m: Floats32, marker_s_m: Floats, noise_m: float, ends: ClampedEnds | None) -> _Nodes:
@@ -161,17 +164,21 @@ def _sample(nodes: _Nodes, groups: list[tuple[Chain, Ints]]) -> list[Sighting]:
     return [sighting for sighting in sightings if len(sighting.bend_per_m)]
 
 
-def _describe(smoothness: Smoothness, marker_s_m: Floats) -> list[str]:
-    """Return what was learnt, and whether the markers are close enough for it."""
-    spacing_m = float(np.median(np.diff(marker_s_m)))
-    learnt = (
+def _describe(smoothness: Smoothness) -> str:
+    return (
         f"Learnt from the frames: curvature differs along the cable by {smoothness.amplitude_per_m:.2g} per metre "
         f"(standard deviation), over {smoothness.length_m * 1e3:.0f} mm."
     )
+
+
+def _warn_of_coarse(smoothness: Smoothness, marker_s_m: Floats) -> list[str]:
+    """Return what to say where the markers are too far apart for the bends that occur."""
+    spacing_m = float(np.median(np.diff(marker_s_m)))
     if smoothness.is_even or smoothness.length_m > FEWEST_SPACINGS * spacing_m:
-        return [learnt]
-    coarse = (
-        f"That is less than {FEWEST_SPACINGS:g} of the markers' spacings ({spacing_m * 1e3:.0f} mm): the largest "
-        "curvature, beside a clamp above all, may be read too low by more than its band says."
+        return []
+    sentence = (
+        f"The cable's curvature changes over {smoothness.length_m * 1e3:.0f} mm, less than {FEWEST_SPACINGS:g} of the "
+        f"markers' spacings of {spacing_m * 1e3:.0f} mm: its largest value, beside a clamp above all, may be read too "
+        "low by more than its interval says."
     )
-    return [learnt, coarse]
+    return [sentence]

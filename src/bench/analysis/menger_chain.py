@@ -28,6 +28,8 @@ class Chain:
     """(b, n + 2): the bends of a gently bent cable from its nodes' offsets across it and its tangents' slopes."""
     noise: Floats
     """(b, b): covariance of the bends' errors."""
+    node_noise: Floats
+    """(b, m): covariance of the bends' errors with those of the nodes."""
     first_m: float
     """Arc length at which the chain begins: a clamp whose tangent is known, or the first node."""
     last_m: float
@@ -41,6 +43,8 @@ class CurveMatrices:
     """(b, G): NaN at places outside the chain."""
     sigma_per_m: Floats
     """(G,): standard deviation of each component, NaN outside."""
+    offset_m2: Floats
+    """(b, m): how far, in metres for bends per metre, each node lies off the curve."""
 
 
 def make_chain(layout: Layout, seen: Bools, held: Bools) -> Chain:
@@ -64,6 +68,7 @@ def make_chain(layout: Layout, seen: Bools, held: Bools) -> Chain:
         share=half / (reach + half),
         difference=difference,
         noise=(difference * layout.variance) @ difference.T,
+        node_noise=(difference * layout.variance)[:, index],
         first_m=float(s[0] - reach[0]),
         last_m=float(s[-1] + reach[1]),
     )
@@ -77,13 +82,14 @@ def make_curve_matrices(chain: Chain, prior: Prior, places: Floats) -> CurveMatr
     """
     of_bends = chain.difference @ prior.node_covariance @ chain.difference.T + chain.noise
     of_places = chain.difference @ prior.place_covariance.T
-    solved = np.linalg.solve(of_bends, np.column_stack([of_places, np.ones(len(of_bends))]))
-    solved, constant = solved[:, :-1], solved[:, -1]
+    solved = np.linalg.solve(of_bends, np.column_stack([of_places, chain.node_noise, np.ones(len(of_bends))]))
+    solved, offset, constant = np.split(solved, [len(places), -1], axis=1)
     left = (1.0 - solved.sum(axis=0)) / constant.sum()
-    weight = solved + constant[:, None] * left
     variance = prior.variance - np.einsum("bg,bg->g", of_places, solved) + left**2 * constant.sum()
+    weight = solved + constant * left
+    offset = offset - constant * offset.sum(axis=0) / constant.sum()
     step = 1e-9 * (chain.last_m - chain.first_m)
     outside = (places < chain.first_m - step) | (places > chain.last_m + step)
     sigma = np.sqrt(np.maximum(variance, 0.0))
     weight[:, outside], sigma[outside] = np.nan, np.nan
-    return CurveMatrices(weight, sigma)
+    return CurveMatrices(weight, sigma, offset)

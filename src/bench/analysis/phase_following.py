@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
-from bench.analysis.gates import SortSettings
+from bench.analysis.arrays import Floats, Floats32, Indices, Ints
 from bench.analysis.markers import MarkerReason, PointFrames, gather_positions
 from bench.analysis.phase_template import PhaseTemplate
 
@@ -18,8 +17,6 @@ SIGMAS_SEEN, SIGMAS_HIDDEN = 7.0, 5.5
 """Gates. A marker seen in the frame before is seen again with odds of 100 to 1, so only a far point is not its own; one
 that was hidden then stays hidden with 7 to 1, and a point farther off than 5.5 standard deviations is rather a ghost:
 for 10 % of the markers hidden, in bursts of 8 frames, and two ghosts within 20 mm of a cable of 1 m."""
-WIDEST_SHARE = 0.45
-"""Of the distance to the next marker: gates of neighbours do not overlap on a straight cable."""
 DOUBT = 0.2
 """Of squared misfits, in gates: of two points that differ by less, the odds are below 20 to 1."""
 
@@ -48,7 +45,7 @@ class FollowedFrames:
         given = np.where(alike, MarkerReason.AMBIGUOUS, MarkerReason.FOUND)
         return np.where(self.source >= 0, given, MarkerReason.HIDDEN).astype(np.uint8)
 
-    def take(self, rows: Bools) -> FollowedFrames:
+    def take(self, rows: slice) -> FollowedFrames:
         """Return some of the frames (C,)."""
         return FollowedFrames(self.source[rows], self.misfit[rows], self.rival[rows])
 
@@ -58,11 +55,11 @@ class FollowedFrames:
         return gather_positions(frames.points_m, frames.offsets, sure)
 
 
-def follow_frames(frames: PointFrames, rows: Ints, settings: SortSettings, template: PhaseTemplate) -> FollowedFrames:
+def follow_frames(frames: PointFrames, rows: Ints, template: PhaseTemplate) -> FollowedFrames:
     """Sort the frames `rows` (C,), which are in order of time and inside cycles, by the template."""
     from bench.analysis.kernels.phase_following import CycleMemory, follow_phase
 
-    n_bins, k = len(template.position_m) - 1, settings.n_markers
+    n_bins, k = len(template.position_m) - 1, template.position_m.shape[1]
     found = FollowedFrames(
         np.empty((len(rows), k), dtype=np.int16),
         np.empty((len(rows), k), dtype=np.float32),
@@ -71,7 +68,7 @@ def follow_frames(frames: PointFrames, rows: Ints, settings: SortSettings, templ
     phase = np.asarray(frames.phase)[rows]
     memory = CycleMemory(
         np.ascontiguousarray(template.position_m),
-        _gates(template, settings),
+        _gates(template),
         template.bin_s,
         template.left,
         template.right,
@@ -84,7 +81,7 @@ def follow_frames(frames: PointFrames, rows: Ints, settings: SortSettings, templ
         frames.offsets,
         frames.usable,
         rows,
-        (frames.time_ns[rows] - frames.time_ns[rows[:1]]) * 1e-9,
+        np.asarray((frames.time_ns[rows] - frames.time_ns[rows[:1]]) * 1e-9, dtype=np.float64),
         np.clip(phase, 0.0, 1.0) * n_bins,
         memory,
         found.source,
@@ -94,10 +91,8 @@ def follow_frames(frames: PointFrames, rows: Ints, settings: SortSettings, templ
     return found
 
 
-def _gates(template: PhaseTemplate, settings: SortSettings) -> Floats:
+def _gates(template: PhaseTemplate) -> Floats:
     """Return (k, 65): how far from where it is expected a marker may be, after so many bins without a point."""
     gate = SIGMAS_HIDDEN * template.sigma_m
     gate[:, :2] = SIGMAS_SEEN * template.sigma_m[:, :2]
-    spacing = np.diff(settings.arc_length_m, prepend=0.0)
-    nearest = np.minimum(spacing, np.append(spacing[1:], np.inf))
-    return np.minimum(gate, WIDEST_SHARE * nearest[:, None])
+    return np.asarray(np.minimum(gate, template.reach_m[:, None]))

@@ -1,6 +1,8 @@
-"""The robot's cycle learnt from a recording: which cycles to learn from, and the template that the chain search gives."""
+"""The robot's cycle learnt from a recording: which cycles to learn from, and the template that comes of it."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,7 +11,13 @@ from bench.analysis.chain import sort_by_chain
 from bench.analysis.gates import SortSettings
 from bench.analysis.markers import MarkerReason, PointFrames
 from bench.analysis.phase_following import follow_frames
-from bench.analysis.phase_template import PhaseTemplate, lay_over_cycles, learn_template, median_over_cycles
+from bench.analysis.phase_template import (
+    PhaseTemplate,
+    half_way_to_next,
+    lay_over_cycles,
+    learn_template,
+    median_over_cycles,
+)
 
 __all__ = ["FEWEST_CYCLES", "LEARNT_CYCLES", "count_usable", "learn_cycle", "rows_in_cycles"]
 
@@ -49,8 +57,9 @@ def learn_cycle(frames: PointFrames, settings: SortSettings) -> PhaseTemplate | 
     template = _lay_and_learn(thinned, sure, cycles, settings, chained.position_m)
     if np.isfinite(template.position_m[..., 0]).mean() < KNOWN_SHARE:
         return None
-    followed = follow_frames(every, np.arange(len(every)), settings, template)
-    return _lay_and_learn(every, followed.sure_positions(every), cycles, settings)
+    followed = follow_frames(every, np.arange(len(every)), template)
+    learnt = _lay_and_learn(every, followed.sure_positions(every), cycles, settings)
+    return replace(learnt, notes=tuple(chained.notes))
 
 
 def _find_whole_cycles(frames: PointFrames) -> Ints:
@@ -58,16 +67,15 @@ def _find_whole_cycles(frames: PointFrames) -> Ints:
     if frames.cycle is None or frames.phase is None:
         return np.zeros(0, dtype=np.int64)
     inside = rows_in_cycles(frames)
-    cycles, begin, row, count = np.unique(
-        frames.cycle[inside], return_index=True, return_inverse=True, return_counts=True
-    )
-    lowest, highest = np.ones(len(cycles)), np.zeros(len(cycles))
-    np.minimum.at(lowest, row, frames.phase[inside])
-    np.maximum.at(highest, row, frames.phase[inside])
-    low, high = USUAL_LENGTH
-    usual = np.median(count) if len(count) else 0.0
-    whole = (lowest < FREE_ENDS) & (highest > 1 - FREE_ENDS) & (count >= low * usual) & (count <= high * usual)
-    return cycles[whole][np.argsort(begin[whole])]
+    if not len(inside):
+        return inside
+    cycle, phase = frames.cycle[inside], frames.phase[inside]
+    begin = np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))
+    count = np.diff(np.append(begin, len(inside)))
+    lowest, highest = np.minimum.reduceat(phase, begin), np.maximum.reduceat(phase, begin)
+    low, high = USUAL_LENGTH[0] * np.median(count), USUAL_LENGTH[1] * np.median(count)
+    whole = (lowest < FREE_ENDS) & (highest > 1 - FREE_ENDS) & (count >= low) & (count <= high)
+    return np.asarray(cycle[begin[whole]])
 
 
 def rows_in_cycles(frames: PointFrames, cycles: Ints | None = None) -> Ints:
@@ -97,7 +105,7 @@ def _choose_cycles(frames: PointFrames, settings: SortSettings) -> Ints:
 
 def _thin_out(frames: PointFrames) -> Ints:
     """Return at most `LEARNT_FRAMES` frames of each cycle."""
-    _, count = np.unique(frames.cycle, return_counts=True)
+    _, count = np.unique(np.asarray(frames.cycle), return_counts=True)
     return np.arange(0, len(frames), max(1, int(np.ceil(np.median(count) / LEARNT_FRAMES))))
 
 
@@ -105,20 +113,20 @@ def _drop_unsorted(frames: PointFrames, sure_m: Floats32, cycles: Ints) -> Ints:
     """Return the cycles in which at least half as much is sorted as in the best."""
     found = np.isfinite(sure_m[..., 0]).mean(axis=1)
     share = np.array([found[frames.cycle == index].mean() for index in cycles])
-    return cycles[(share > 0) & (share >= share.max() / 2)]
+    return np.asarray(cycles[(share > 0) & (share >= share.max() / 2)])
 
 
 def _lay_and_learn(
     frames: PointFrames, sure_m: Floats32, cycles: Ints, settings: SortSettings, likely_m: Floats32 | None = None
 ) -> PhaseTemplate:
-    """Learn from what is sure; where too few cycles show that, from what is `likely_m`, whose median mostly is right."""
+    """Learn from what is sure, and where too few cycles show that, from what is likely: its median mostly is right."""
     cycle, phase = np.asarray(frames.cycle), np.asarray(frames.phase)
     n_frames = int(np.median([(cycle == index).sum() for index in cycles]))
     n_bins = min(max(n_frames, 2), MOST_BINS)
     took_s = np.median([np.ptp(frames.time_ns[cycle == index]) for index in cycles]) * 1e-9
     laid = lay_over_cycles(sure_m, cycle, phase, cycles.tolist(), n_bins)
     if likely_m is not None:
-        is_known = np.isfinite(median_over_cycles(laid))
+        is_known = np.isfinite(median_over_cycles(laid, half_way_to_next(np.array(settings.arc_length_m))))
         laid = np.where(is_known, laid, lay_over_cycles(likely_m, cycle, phase, cycles.tolist(), n_bins))
     return learn_template(
         laid,

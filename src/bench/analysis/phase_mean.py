@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,7 +10,7 @@ import numpy as np
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, median_of_rows
 from bench.analysis.local_average import estimate_noise_variance
 
-__all__ = ["LargestBend", "PhaseMean", "average_by_phase", "find_largest_bend"]
+__all__ = ["LargestBend", "PhaseMean", "average_by_phase", "find_largest_bend", "map_by_phase"]
 
 MEDIAN_VARIANCE = np.pi / 2
 """Of the median of many normal values, in units of that of their mean."""
@@ -63,13 +64,7 @@ def average_by_phase(
     noise = np.nan_to_num(estimate_noise_variance(curvature_per_m, sigma_per_m, row, trusted))
     shape = n_bins, curvature_per_m.shape[1]
     median, sigma, count = np.full(shape, np.nan), np.full(shape, np.nan), np.zeros(shape, dtype=np.int64)
-    bins = np.full(len(phase), -1)
-    known = trusted & np.isfinite(phase)
-    bins[known] = np.minimum((phase[known] * n_bins).astype(np.int64), n_bins - 1)
-    order = np.argsort(bins, kind="stable")
-    bounds = np.searchsorted(bins[order], np.arange(n_bins + 1))
-    for i in np.flatnonzero(np.diff(bounds)):
-        frames = order[bounds[i] : bounds[i + 1]]
+    for i, frames in _frames_of_bins(phase, trusted, n_bins):
         median[i] = median_of_rows(curvature_per_m[frames])
         stated = median_of_rows(sigma_per_m[frames]) ** 2
         count[i] = np.isfinite(curvature_per_m[frames]).sum(axis=0)
@@ -90,3 +85,22 @@ def find_largest_bend(mean: PhaseMean, arc_length_m: Floats) -> LargestBend | No
     i, g = np.unravel_index(int(known.argmax()), known.shape)
     value, sigma = float(mean.curvature_per_m[i, g]), float(mean.sigma_per_m[i, g])
     return LargestBend(value, sigma, (float(i) + 0.5) / len(known), float(arc_length_m[g]))
+
+
+def map_by_phase(curvature_per_m: Floats32, phase: Floats, trusted: Bools, n_bins: int) -> Floats:
+    """Return the median curvature (P, G) of all trusted frames in each of P equal phase bins, NaN where none is."""
+    result = np.full((n_bins, curvature_per_m.shape[1]), np.nan)
+    for i, frames in _frames_of_bins(phase, trusted, n_bins):
+        result[i] = median_of_rows(curvature_per_m[frames])
+    return result
+
+
+def _frames_of_bins(phase: Floats, trusted: Bools, n_bins: int) -> Iterator[tuple[int, Ints]]:
+    """Yield each bin that has trusted frames, with these."""
+    bins = np.full(len(phase), -1)
+    known = trusted & np.isfinite(phase)
+    bins[known] = np.minimum((phase[known] * n_bins).astype(np.int64), n_bins - 1)
+    order = np.argsort(bins, kind="stable")
+    bounds = np.searchsorted(bins[order], np.arange(n_bins + 1))
+    for i in np.flatnonzero(np.diff(bounds)).tolist():
+        yield i, order[bounds[i] : bounds[i + 1]]

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from bench.analysis.arrays import Floats, Floats32, Ints
 
@@ -13,6 +14,8 @@ __all__ = ["PhaseTemplate", "lay_over_cycles", "learn_template", "refresh_templa
 
 FEWEST_CYCLES = 3
 """That show a marker at a place of the path: of fewer, one wrong label moves the median."""
+HALF_WAY = 0.45
+"""Of the distance to the next marker."""
 LAGS = (1, 2, 4, 8, 16, 32, 64)
 """Bins after which straying is measured; between them it is interpolated."""
 CHI_3 = {0.75: 2.027, 0.95: 2.795}
@@ -21,6 +24,8 @@ read where 95 % of the values lie, or 75 % where many labels may be wrong."""
 ROUNDS = 4
 """Of the median, each with the gaps filled by the one before; after two a median of ten cycles that stray by 8 mm still
 leaps by 5 mm in places."""
+LEAP_BINS = 9
+"""Around a place, of which the median is right when less than half of them are wrong."""
 LONGEST_BRIDGE = 5
 """Bins without enough cycles over which a straight line is a marker's way: 50 ms of 4 s at 100 Hz."""
 CLOSED_SIGMAS = 3.0
@@ -40,6 +45,8 @@ class PhaseTemplate:
 
     Standard deviation; the first two entries are those of one bin, the last is the distance itself.
     """
+    reach_m: Floats
+    """(k,): nearly half the way to the next marker: what is farther from a marker's place is another one."""
     bin_s: float
     """Usual duration of a bin."""
     left: Ints
@@ -52,12 +59,20 @@ class PhaseTemplate:
     """(k,): how far a marker strays from what its two neighbours do, in each coordinate."""
     n_cycles: int
     """Cycles from which it was learnt."""
+    notes: tuple[str, ...] = ()
+    """What is to be said of how those cycles were sorted."""
 
     @property
     def cycle_sigma_m(self) -> float:
         """How far a cycle strays from the template in each coordinate: the worst known marker's standard deviation."""
         known = self.sigma_m[:, -1][np.isfinite(self.sigma_m[:, -1])]
         return float(known.max(initial=0.0)) if len(known) else float("inf")
+
+
+def half_way_to_next(arc_length_m: Floats) -> Floats:
+    """Return (k,) how far from its place a marker may be looked for, so that it is not taken for the next one."""
+    spacing = np.diff(arc_length_m, prepend=0.0)
+    return np.asarray(HALF_WAY * np.minimum(spacing, np.append(spacing[1:], np.inf)))
 
 
 def lay_over_cycles(position_m: Floats32, cycle: Ints, phase: Floats, cycles: Sequence[int], n_bins: int) -> Floats:
@@ -121,43 +136,54 @@ def learn_template(
     share : float
         Quantile at which straying is read, of `CHI_3`: less where many labels may be wrong.
     """
-    position = median_over_cycles(laid_m)
+    arc_length = np.asarray(arc_length_m, dtype=np.float64)
+    reach = half_way_to_next(arc_length)
+    position = median_over_cycles(laid_m, reach)
     stray = laid_m - position
-    left, right, weight = _neighbours(np.asarray(arc_length_m, dtype=np.float64), is_anchored)
+    left, right, weight = _neighbours(arc_length, is_anchored)
     beside = weight[:, :1] * np.where((left >= 0)[:, None], stray[:, :, left], 0.0) + weight[:, 1:] * stray[:, :, right]
     sigma = np.maximum(_sigma_by_lag(stray, share), least_sigma_m)
+    beside_sigma = np.maximum(_sigma_at(share, stray - beside), least_sigma_m)
     return PhaseTemplate(
         position_m=_close(position, sigma),
+        reach_m=reach,
         sigma_m=sigma,
         bin_s=bin_s,
         left=left,
         right=right,
         weight=weight,
-        beside_sigma_m=np.maximum(_sigma_at(share, stray - beside), least_sigma_m) if len(left) > 2 else left + np.inf,
+        beside_sigma_m=beside_sigma if len(left) > 2 else np.full(len(left), np.inf),
         n_cycles=len(laid_m),
     )
 
 
 def refresh_template(template: PhaseTemplate, laid_m: Floats) -> PhaseTemplate:
     """Return the template with the median of newer cycles (C, B + 1, k, 3) where they show enough."""
-    newer = median_over_cycles(laid_m)
-    position = np.where(np.isnan(newer), template.position_m, newer)
+    stray = _believed(laid_m - template.position_m, template.reach_m)
+    moved = np.nan_to_num(_plain_median(stray))
+    position = np.where(np.isnan(template.position_m), _plain_median(laid_m), template.position_m + moved)
     return replace(template, position_m=_close(position, template.sigma_m))
 
 
-def median_over_cycles(laid_m: Floats) -> Floats:
+def median_over_cycles(laid_m: Floats, reach_m: Floats) -> Floats:
     """Return (B + 1, k, 3): the median over cycles of each place that enough of them show, else NaN.
 
     The cycles that show a marker are others from place to place. So that the median does not leap with them, a cycle
-    that does not show it is taken to stray there as it does before and after.
+    that does not show it, or farther off than `reach_m` (k,), is taken to stray there as it does before and after.
     """
-    usual = _bridge(_plain_median(laid_m))
+    usual = _bridge(_without_leaps(_plain_median(laid_m), reach_m))
     for _ in range(ROUNDS):
-        stray = laid_m - usual
-        for cycle in stray:
-            _interpolate(cycle)
+        stray = _believed(laid_m - usual, reach_m)
         usual = np.where(np.isnan(usual), np.nan, _plain_median(usual + stray))
     return usual
+
+
+def _believed(stray: Floats, reach_m: Floats) -> Floats:
+    """Return by how much cycles (C, B + 1, k, 3) stray, without what is another marker and with the gaps filled."""
+    known = np.where(np.linalg.norm(stray, axis=-1, keepdims=True) <= reach_m[:, None], stray, np.nan)
+    for cycle in known:
+        _interpolate(cycle)
+    return known
 
 
 def _close(position_m: Floats, sigma_m: Floats) -> Floats:
@@ -177,6 +203,14 @@ def _plain_median(laid_m: Floats) -> Floats:
     below, above = (n_known - 1) // 2, n_known // 2
     middle = [np.take_along_axis(ordered, np.maximum(index, 0)[None], axis=0)[0] for index in (below, above)]
     return np.asarray(np.where(n_known >= FEWEST_CYCLES, (middle[0] + middle[1]) / 2, np.nan))
+
+
+def _without_leaps(usual_m: Floats, reach_m: Floats) -> Floats:
+    """Return a template (B + 1, k, 3) without places where most cycles are wrong, told by those before and after."""
+    filled = usual_m.copy()
+    _interpolate(filled)
+    around = median_filter(np.nan_to_num(filled), size=(LEAP_BINS, 1, 1), mode="nearest")
+    return np.where(np.linalg.norm(usual_m - around, axis=-1, keepdims=True) <= reach_m[:, None], usual_m, np.nan)
 
 
 def _bridge(usual_m: Floats) -> Floats:

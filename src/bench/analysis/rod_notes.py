@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis.arrays import Floats, Floats32
+from bench.analysis.arrays import Floats32
 from bench.analysis.rod_law import FittedLaw
 
 __all__ = ["DOUBTFUL", "describe_fit", "warn_of_fit"]
@@ -17,19 +17,9 @@ FINEST_SHARE = 0.01
 """Of the length: a shorter bend beside the clamp than three of the mesh's segments there."""
 
 
-def warn_of_fit(law: FittedLaw, residual_m: Floats32, said_m: Floats, noise_m: float) -> list[str]:
-    """Return the sentences on what is doubtful about a fit.
-
-    Parameters
-    ----------
-    law : FittedLaw
-    residual_m : (F,)
-        NaN in frames that have no curve.
-    said_m : (k,)
-        Arc length of each marker as it was given.
-    noise_m : float
-    """
-    said = [_alarm(residual_m, noise_m), _limits(law), _markers(law, said_m), _left_out(residual_m)]
+def warn_of_fit(law: FittedLaw, residual_m: Floats32) -> list[str]:
+    """Return the sentences on what is doubtful about a fit; `residual_m` (F,) is NaN in frames that have no curve."""
+    said = [_alarm(residual_m, law.model.noise_m), _limits(law), _markers(law), _left_out(residual_m)]
     return [text for text in said if text]
 
 
@@ -71,8 +61,8 @@ def _limits(law: FittedLaw) -> str:
     )
 
 
-def _markers(law: FittedLaw, said_m: Floats) -> str:
-    shift = law.model.marker_m - said_m
+def _markers(law: FittedLaw) -> str:
+    shift = law.model.marker_m - law.said_m
     worst = int(np.abs(shift).argmax())
     if abs(shift[worst]) <= MOVED_M:
         return ""

@@ -59,14 +59,10 @@ def _bends(shapes: RodShapes, mesh: RodMesh, arc_length_m: Floats) -> tuple[Floa
     """Return the curvature vectors (R, G, 3) of settled rods, and how they change (R, G, 3, 13)."""
     from bench.analysis.kernels.rod_reading import read_bends
 
-    n, n_nodes = len(shapes.way), len(mesh.node_m)
-    bend, slope = np.empty((n, n_nodes, 3)), np.empty((n, n_nodes, 3, 13))
-    read_bends(shapes.way, shapes.turned, mesh.apart_m, bend, slope)
-    index, weight = mesh.interpolate(arc_length_m)
-    places = range(index.shape[1])
-    at_places = np.sum([weight[:, i, None] * bend[:, index[:, i]] for i in places], axis=0)
-    slope_at_places = np.sum([weight[:, i, None, None] * slope[:, index[:, i]] for i in places], axis=0)
-    return at_places, slope_at_places
+    n, n_places = len(shapes.way), len(arc_length_m)
+    bend, slope = np.empty((n, n_places, 3)), np.empty((n, n_places, 3, 13))
+    read_bends(shapes.way, shapes.turned, mesh.apart_m, *mesh.interpolate(arc_length_m), bend, slope)
+    return bend, slope
 
 
 def _read(

@@ -51,15 +51,14 @@ def compare(
 
     Exit code 5: results exist, or a file cannot be read. 6: the two have no stretch of cable or no phase in common.
     """
-    _verify_second(second, shape, align)
-    chosen = choose_shape(shape, radius_mm, a_mm) if shape else None
+    against = _choose_second(second, shape, radius_mm, a_mm, align)
     settings = load_config(config) if config else None
-    name = name_without_suffix(second) if second else str(shape)
+    name = name_without_suffix(against) if isinstance(against, Path) else str(against.kind)
     folder = output or first.parent / f"{name_without_suffix(first)}-against-{name}"
     from bench.report.comparison import COMPARISON_FILES, describe_comparison, write_comparison
 
     verify_folder(folder, COMPARISON_FILES)
-    found = _compare(_analyse(first, settings), second, chosen, set(align or ()), settings)
+    found = _compare(_analyse(first, settings), against, set(align or ()), settings)
     page = write_comparison(found, folder)
     for label, text in describe_comparison(found).items():
         print(f"{label + ':':<20}{text}")
@@ -68,13 +67,23 @@ def compare(
     print(f"page: {page}")
 
 
-def _verify_second(second: Path | None, shape: ShapeKind | None, align: list[Alignment] | None) -> None:
-    if (second is None) == (shape is None):
+def _choose_second(
+    second: Path | None,
+    shape: ShapeKind | None,
+    radius_mm: float | None,
+    a_mm: float | None,
+    align: list[Alignment] | None,
+) -> Path | ChosenShape:
+    if second is not None and shape is None:
+        given = [name for name, size in (("--radius-mm", radius_mm), ("--a-mm", a_mm)) if size is not None]
+        if given:
+            raise ConfigError(f"{given[0]} belongs to --shape, not to B.mcap.")
+        return second
+    if second is not None or shape is None:
         raise ConfigError("Give either B.mcap or --shape: what A.mcap is compared with.")
-    if shape is not None and align:
-        raise ConfigError(
-            "--align belongs to B.mcap: a known shape is laid where it fits best anyway, and stands still."
-        )
+    if align:
+        raise ConfigError("--align belongs to B.mcap: a known shape is laid where it fits best anyway.")
+    return choose_shape(shape, radius_mm, a_mm)
 
 
 def _analyse(path: Path, settings: Config | None) -> Results:
@@ -85,15 +94,10 @@ def _analyse(path: Path, settings: Config | None) -> Results:
     return analyse_run(run, with_limits(run.config, settings, path) if settings else run.config, run_path=path.name)
 
 
-def _compare(
-    first: Results, second: Path | None, chosen: ChosenShape | None, align: set[Alignment], settings: Config | None
-) -> Comparison:
+def _compare(first: Results, against: Path | ChosenShape, align: set[Alignment], settings: Config | None) -> Comparison:
     from bench.report.comparison import compare_runs, compare_with_shape
 
-    if chosen is not None:
-        return compare_with_shape(first, chosen.shape)
-    if second is None:
-        raise ConfigError("There is nothing to compare with.")
-    return compare_runs(
-        first, _analyse(second, settings), in_time=Alignment.TIME in align, in_space=Alignment.SPACE in align
-    )
+    if isinstance(against, ChosenShape):
+        return compare_with_shape(first, against.shape)
+    second = _analyse(against, settings)
+    return compare_runs(first, second, in_time=Alignment.TIME in align, in_space=Alignment.SPACE in align)

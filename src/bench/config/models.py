@@ -277,9 +277,11 @@ class CableConfig(Section):
 class AnalysisConfig(Section):
     """Methods and limits of the report."""
 
-    sorting: Literal["auto", "chain", "paper"] = Field(
+    sorting: Literal["auto", "phase", "track", "chain", "paper"] = Field(
         "auto",
-        description="'chain': the most probable chain, each frame by itself; 'paper': the greedy chain of the paper.",
+        description="'auto': what suits the recording; 'phase': by the robot's cycle, which repeats; 'track': points "
+        "followed through time, then named, for motion that does not repeat; 'chain': the most probable chain, each "
+        "frame by itself; 'paper': the greedy chain of the paper.",
     )
     curvature: Literal["auto", "elastica", "menger_gp", "spline"] = Field(
         "auto",

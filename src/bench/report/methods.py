@@ -19,6 +19,11 @@ class MethodNote:
 
 
 SORTING = {
+    "phase": "Each marker is where it was at the same place of the robot's path: the median of cycles that the most "
+    "probable chain sorts, moved by what this cycle strays from it; the median follows the cable over the test. On "
+    "simulated crossing motion that no number was chosen on, with 5 % of the markers hidden and two ghosts, 99.98 % of "
+    "the frames were exact; with 10 % and four ghosts, most of them beside the cable, 99.9 %; with 25 markers at 40 mm "
+    "99.9 %. What is left are ghosts within millimetres of a hidden marker, some riding along with it.",
     "chain": "The most probable chain of points in each frame by itself: by distances and turning angles, which are "
     "learnt from this take, both ends, and up to three hidden markers in a row. A ghost beside a hidden one can take "
     "its place: with 5 % of the markers hidden and two ghosts in each simulated frame that costs up to 1 % of the "
@@ -28,6 +33,10 @@ SORTING = {
     "Exact while every marker is seen and no ghost lies near the cable. On simulated motion with 5 % of the markers "
     "hidden and two ghosts in each frame it was exact in 64 % of the frames, and in 41 % where the cable crossed "
     "itself; a wrong marker shows as a bend that is not there.",
+    "track": "Points are joined into tracks through time, the most probable chain of single frames names the tracks, "
+    "and where a marker is hidden only a point that fits its motion before and after is taken. On a real cable with "
+    "many ghosts 99.9 % of the frames were exact and 0.03 % had a wrong label; a ghost that rides along within a few "
+    "millimetres of a hidden marker can still take its place. Markers filled in between tracks are marked.",
 }
 CURVATURE = {
     "elastica": "A heavy rod between both clamps: it hangs under its weight, bends with one stiffness for the whole "

@@ -219,8 +219,9 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
     n_impossible = int(traced.impossible.sum())
     if n_impossible:
         warnings.append(
-            f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius, which cannot be: "
-            "a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be wrong unseen."
+            f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius or fold back, "
+            "which cannot be: a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be "
+            "wrong unseen."
         )
     if traced.isolated.any():
         tightest = 1e3 / float(np.nanmax(traced.curve.curvature_per_m[traced.isolated]))

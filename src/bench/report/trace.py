@@ -14,6 +14,7 @@ from bench.analysis import (
     PointFrames,
     SortedMarkers,
     fill_from_end,
+    find_folds,
     find_isolated_bends,
     find_tighter,
     get_estimator,
@@ -39,7 +40,7 @@ class TracedCable:
     trusted: Bools
     """(F,): the frame may enter the figures: confident enough, not impossible, not isolated."""
     impossible: Bools
-    """(F,): bent tighter than the cable's own radius somewhere, so wrongly sorted."""
+    """(F,): bent tighter than the cable's own radius somewhere, or folded back, so wrongly sorted."""
     isolated: Bools
     """(F,): bent far tighter than just before and after, so probably wrongly sorted."""
     arc_length_m: Floats
@@ -61,11 +62,13 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
-    markers = fill_from_end(points, get_sorter(analysis.sorting)(points, settings), settings)
+    markers = get_sorter(analysis.sorting)(points, settings)
+    if markers.method == "paper":
+        markers = fill_from_end(points, markers, settings)
     curve = get_estimator(analysis.curvature)(
         markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3, ends=ends
     )
-    impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm)
+    impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm) | find_folds(markers.position_m)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
     isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, points.time_ns)
     return TracedCable(

@@ -47,11 +47,13 @@ def _bend_frame(
         ux, uy, uz = float(b[0]) - a[0], float(b[1]) - a[1], float(b[2]) - a[2]
         vx, vy, vz = float(c[0]) - b[0], float(c[1]) - b[1], float(c[2]) - b[2]
         wx, wy, wz = ux + vx, uy + vy, uz + vz
-        sizes = (ux * ux + uy * uy + uz * uz) * (vx * vx + vy * vy + vz * vz) * (wx * wx + wy * wy + wz * wz)
-        scale = 2.0 / math.sqrt(sizes) if sizes > 0.0 else math.nan
-        bend_per_m[row, 0] = scale * (uy * vz - uz * vy)
-        bend_per_m[row, 1] = scale * (uz * vx - ux * vz)
-        bend_per_m[row, 2] = scale * (ux * vy - uy * vx)
+        cx, cy, cz = uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
+        u2, v2, w2 = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz, wx * wx + wy * wy + wz * wz
+        longer2, size = max(u2, v2), u2 * v2 * w2
+        if longer2 > min(u2, v2) + w2:  # folded back: a circle through the three would go round the long way
+            size = longer2 * (cx * cx + cy * cy + cz * cz)
+        scale = 2.0 / math.sqrt(size) if size > 0.0 else math.nan
+        bend_per_m[row, 0], bend_per_m[row, 1], bend_per_m[row, 2] = scale * cx, scale * cy, scale * cz
         row += 1
     if held[1]:
         # Seen from this end the binormal points the other way.
@@ -93,10 +95,24 @@ def measure_bends(
     References
     ----------
     2 (u x v) / (|u| |v| |u + v|) of two neighbouring chords is the curvature of the circle through their three points
-    (Menger), so any spacing of markers on a circle gives its curvature.
+    (Menger), so any spacing of markers on a circle gives its curvature. Where the second chord goes back beside the
+    first, so that the three are less than a half circle in another order, it is that of the smallest circle around
+    them: wrongly sorted markers on a line must not read as a straight cable.
     """
     for i in range(len(frames)):
         _bend_frame(nodes_m[frames[i]], tangent[frames[i]], seen, held, reach_m, share, bend_per_m[i])
+
+
+@compiled
+def _sum_squares(offset_m2: Floats, bend: Floats) -> float:
+    total = 0.0
+    for node in range(offset_m2.shape[1]):
+        for axis in range(3):
+            apart = 0.0
+            for b in range(len(bend)):
+                apart += offset_m2[b, node] * bend[b, axis]
+            total += apart * apart
+    return total
 
 
 @compiled
@@ -110,8 +126,10 @@ def apply_weights(
     share: Floats,
     weight: Floats32,
     sigma_per_m: Floats32,
+    offset_m2: Floats,
     curvature: Floats32,
     sigma: Floats32,
+    residual_m: Floats32,
     vector: Floats32,
 ) -> None:
     """Write the curve of some frames: `weight` (b, G) times their bends, and its magnitude.
@@ -123,8 +141,12 @@ def apply_weights(
     weight : (b, G)
     sigma_per_m : (G,)
         Standard deviation, the same in all these frames.
+    offset_m2 : (b, m)
+        Makes the nodes' distances from the curve of the bends.
     curvature, sigma : (F, G)
         Result.
+    residual_m : (F,)
+        Result: root mean square of these distances, for each of the two directions across the cable.
     vector : (F, G, 3)
         Result; left alone where it has no rows.
     """
@@ -147,6 +169,7 @@ def apply_weights(
         for g in range(n_places):
             out[g] = np.sqrt(x[g] * x[g] + y[g] * y[g] + z[g] * z[g])
             out_sigma[g] = sigma_per_m[g] if out[g] == out[g] else np.float32(np.nan)
+        residual_m[frame] = math.sqrt(_sum_squares(offset_m2, bend) / (2 * len(seen)))
         if with_vector:
             for g in range(n_places):
                 vector[frame, g, 0], vector[frame, g, 1], vector[frame, g, 2] = x[g], y[g], z[g]

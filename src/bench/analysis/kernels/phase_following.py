@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -77,38 +78,15 @@ def follow_phase(
     seen_s = np.full(k, NEVER_S)
     stray, planned, expected, beside = np.zeros((k, 3)), np.empty((k, 3)), np.empty((k, 3)), np.empty((k, 3))
     gate, is_known = np.empty(k), np.empty(k, np.bool_)
-    pair_marker = np.empty(PAIRS_PER_MARKER * k, np.int64)
-    pair_point, pair_misfit = np.empty_like(pair_marker), np.empty(len(pair_marker))
+    pairs = np.empty((PAIRS_PER_MARKER * k, 3))
     for f in range(len(order)):
         _expect(memory, place[f], time_s[f], seen_s, stray, planned, expected, gate)
         _compare_neighbours(memory, time_s[f], seen_s, planned, expected, beside, is_known)
         low, high = offsets[order[f]], offsets[order[f] + 1]
-        n_pairs = 0
-        for j in range(k):
-            beside_gate = memory.beside_gate_m[j] if is_known[j] else np.inf
-            if gate[j] > beside_gate:
-                gate[j], expected[j] = beside_gate, beside[j]
-            for p in range(low, high):
-                if not usable[p]:
-                    continue
-                far = _distance(points[p], expected[j])
-                if far <= gate[j] and n_pairs < len(pair_marker) and _distance(points[p], beside[j]) <= beside_gate:
-                    at = n_pairs
-                    while at > 0 and pair_misfit[at - 1] > far / gate[j]:
-                        pair_misfit[at], pair_marker[at] = pair_misfit[at - 1], pair_marker[at - 1]
-                        pair_point[at] = pair_point[at - 1]
-                        at -= 1
-                    pair_misfit[at], pair_marker[at], pair_point[at] = far / gate[j], j, p - low
-                    n_pairs += 1
-        _give(
-            pair_marker[:n_pairs],
-            pair_point[:n_pairs],
-            pair_misfit[:n_pairs],
-            high - low,
-            source[f],
-            misfit[f],
-            rival[f],
+        n_pairs = _list_pairs(
+            points[low:high], usable[low:high], memory.beside_gate_m, expected, gate, beside, is_known, pairs
         )
+        _give(pairs, n_pairs, high - low, source[f], misfit[f], rival[f])
         for j in range(k):
             if source[f, j] >= 0 and rival[f, j] ** 2 - misfit[f, j] ** 2 > memory.doubt:
                 gain = 1.0 - NOISE_SHARE * min(1.0, memory.gate_m[j, 1] / gate[j]) ** 2
@@ -118,6 +96,44 @@ def follow_phase(
                 seen_s[j] = time_s[f]
             elif is_known[j] and not _distance(expected[j], beside[j]) <= memory.beside_gate_m[j]:
                 seen_s[j] = NEVER_S
+
+
+@compiled
+def _list_pairs(
+    points: Floats32,
+    usable: Bools,
+    beside_gate: Floats,
+    expected: Floats,
+    gate: Floats,
+    beside: Floats,
+    is_known: Bools,
+    pairs: Floats,
+) -> int:
+    """Write the pairs of a marker and a point in its gates, the best first, and return their number.
+
+    A marker that was hidden longer than its neighbours is expected where they put it: that is nearer by then.
+    """
+    n_pairs = 0
+    for j in range(len(gate)):
+        widest = beside_gate[j] if is_known[j] else np.inf
+        if gate[j] > widest:
+            gate[j], expected[j] = widest, beside[j]
+        for p in range(len(points)):
+            if usable[p] and n_pairs < len(pairs):
+                far = _distance(points[p], expected[j])
+                if far <= gate[j] and _distance(points[p], beside[j]) <= widest:
+                    _insert(pairs, n_pairs, far / gate[j], j, p)
+                    n_pairs += 1
+    return n_pairs
+
+
+@compiled
+def _insert(pairs: Floats, n_pairs: int, misfit: float, marker: int, point: int) -> None:
+    at = n_pairs
+    while at > 0 and pairs[at - 1, 0] > misfit:
+        pairs[at] = pairs[at - 1]
+        at -= 1
+    pairs[at, 0], pairs[at, 1], pairs[at, 2] = misfit, marker, point
 
 
 @compiled
@@ -169,28 +185,22 @@ def _compare_neighbours(
 
 
 @compiled
-def _give(
-    pair_marker: Ints,
-    pair_point: Ints,
-    pair_misfit: Floats,
-    n_points: int,
-    source: Indices,
-    misfit: Floats32,
-    rival: Floats32,
-) -> None:
+def _give(pairs: Floats, n_pairs: int, n_points: int, source: Indices, misfit: Floats32, rival: Floats32) -> None:
     """Give the points of one frame, the best pair first; then look for points that are left and fit as well."""
-    source[:], misfit[:], rival[:] = -1, 1.0, 1.0
+    source[:] = -1
+    misfit[:] = 1.0
+    rival[:] = 1.0
     taken = np.zeros(n_points, np.bool_)
-    for pair in range(len(pair_marker)):
-        j, p = pair_marker[pair], pair_point[pair]
+    for pair in range(n_pairs):
+        j, p = int(pairs[pair, 1]), int(pairs[pair, 2])
         if source[j] < 0 and not taken[p]:
-            source[j], misfit[j], taken[p] = p, pair_misfit[pair], True
-    for pair in range(len(pair_marker)):
-        j, p = pair_marker[pair], pair_point[pair]
-        if not taken[p] and pair_misfit[pair] < rival[j]:
-            rival[j] = pair_misfit[pair]
+            source[j], misfit[j], taken[p] = p, pairs[pair, 0], True
+    for pair in range(n_pairs):
+        j, p = int(pairs[pair, 1]), int(pairs[pair, 2])
+        if not taken[p] and pairs[pair, 0] < rival[j]:
+            rival[j] = pairs[pair, 0]
 
 
 @compiled
 def _distance(a: Floats | Floats32, b: Floats) -> float:
-    return np.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
+    return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)

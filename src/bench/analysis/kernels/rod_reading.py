@@ -14,9 +14,15 @@ __all__ = ["read_bends", "read_frames"]
 
 
 @compiled
-def read_bends(way: Floats, turned: Floats, apart: Floats, bend: Floats, bend_slope: Floats) -> None:
-    """Fill in the curvature vectors (R, N + 1, 3) between the ways, and how they change (R, N + 1, 3, 13)."""
+def read_bends(
+    way: Floats, turned: Floats, apart: Floats, index: Ints, weight: Floats, bend: Floats, bend_slope: Floats
+) -> None:
+    """Fill in the curvature vectors (R, G, 3) at places, and how they change (R, G, 3, 13).
+
+    They are weighed sums, by `weight` (G, 4), of those between the ways, at the nodes `index` (G, 4).
+    """
     normal, change = np.empty(3), np.empty(3)
+    node, node_slope = np.empty((len(apart), 3)), np.empty((len(apart), 3, N_CLAMPS + N_LAW))
     for r in range(len(way)):
         for j in range(len(apart)):
             cosine, sine = 0.0, 0.0
@@ -31,7 +37,7 @@ def read_bends(way: Floats, turned: Floats, apart: Floats, bend: Floats, bend_sl
                 turn = np.arctan2(sine, cosine)
                 ratio, by_cosine = turn / sine, (turn * cosine - sine) / sine**3
             for axis in range(3):
-                bend[r, j, axis] = normal[axis] * ratio / apart[j]
+                node[j, axis] = normal[axis] * ratio / apart[j]
             for c in range(N_CLAMPS + N_LAW):
                 closer = 0.0
                 for axis in range(3):
@@ -40,7 +46,17 @@ def read_bends(way: Floats, turned: Floats, apart: Floats, bend: Floats, bend_sl
                     change[axis] = turned[r, j, p, c] * way[r, j + 1, q] - turned[r, j, q, c] * way[r, j + 1, p]
                     change[axis] += way[r, j, p] * turned[r, j + 1, q, c] - way[r, j, q] * turned[r, j + 1, p, c]
                 for axis in range(3):
-                    bend_slope[r, j, axis, c] = (change[axis] * ratio + normal[axis] * by_cosine * closer) / apart[j]
+                    node_slope[j, axis, c] = (change[axis] * ratio + normal[axis] * by_cosine * closer) / apart[j]
+        for g in range(len(index)):
+            for axis in range(3):
+                bend[r, g, axis] = 0.0
+                for c in range(N_CLAMPS + N_LAW):
+                    bend_slope[r, g, axis, c] = 0.0
+                for i in range(4):
+                    j = index[g, i]
+                    bend[r, g, axis] += weight[g, i] * node[j, axis]
+                    for c in range(N_CLAMPS + N_LAW):
+                        bend_slope[r, g, axis, c] += weight[g, i] * node_slope[j, axis, c]
 
 
 @compiled

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 from markupsafe import Markup
@@ -19,6 +20,8 @@ from bench.report.tables import to_plain, write_then_rename
 from bench.report.writing import explain_write
 
 __all__ = ["COMPARISON_FILES", "write_comparison"]
+
+Floats = npt.NDArray[np.float64]
 
 COMPARISON_FILES = ("comparison.html", "difference.parquet", "summary.json")
 
@@ -37,21 +40,25 @@ def write_comparison(found: Comparison, folder: Path) -> Path:
     plain = json.dumps(to_plain(_summary(found)), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     with explain_write(f"The comparison cannot be written to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
-        write_then_rename(folder / "difference.parquet", lambda path: pq.write_table(_table(found), path))
+        write_then_rename(folder / "difference.parquet", lambda path: _write_table(path, found))
         write_then_rename(folder / "summary.json", lambda path: _write_text(path, plain))
     return write_page(folder / "comparison.html", page)
 
 
-def _table(found: Comparison) -> Any:
+def _write_table(path: Path, found: Comparison) -> None:
     n_phases, n_places = found.difference.distance_m.shape
     columns = {
         "cycle_phase": pa.array(np.repeat(found.cycle_phase, n_places)),
         "arc_length_m": pa.array(np.tile(found.arc_length_m, n_phases)),
-        "first_position_m": pa.FixedSizeListArray.from_arrays(pa.array(found.first_m.ravel()), 3),
-        "second_position_m": pa.FixedSizeListArray.from_arrays(pa.array(found.second_m.ravel()), 3),
-        "distance_m": pa.array(found.difference.distance_m.ravel()),
+        "first_position_m": pa.FixedSizeListArray.from_arrays(_single(found.first_m), 3),
+        "second_position_m": pa.FixedSizeListArray.from_arrays(_single(found.second_m), 3),
+        "distance_m": _single(found.difference.distance_m),
     }
-    return pa.table(columns)
+    pq.write_table(pa.table(columns), path, compression="zstd")
+
+
+def _single(values: Floats) -> Any:
+    return pa.array(values.ravel().astype(np.float32))
 
 
 def _summary(found: Comparison) -> dict[str, Any]:

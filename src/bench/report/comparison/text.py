@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from bench.analysis import RigidTransform
 from bench.report.comparison.compare import Comparison
 from bench.report.wording import say_number, say_percent
 
@@ -23,11 +24,11 @@ def describe_comparison(found: Comparison) -> dict[str, str]:
         "largest distance": _describe_largest(found),
         "compared": f"{say_percent(difference.compared)} of all phases and places",
     }
-    if found.late:
+    if found.late is not None and found.late_s is not None:
         late_ms = say_number(1e3 * found.late_s, 1)
         lines["aligned in time"] = f"the second is {late_ms} ms ({say_number(found.late, 4)} of a cycle) late"
     if found.moved is not None:
-        lines["aligned in space"] = _describe_move(found)
+        lines["aligned in space"] = _describe_move(found, found.moved)
     return lines
 
 
@@ -43,12 +44,10 @@ def _describe_largest(found: Comparison) -> str:
     return f"{distance}, {1e3 * found.arc_length_m[place]:.0f} mm from the anchor, phase {found.cycle_phase[phase]:.3f}"
 
 
-def _describe_move(found: Comparison) -> str:
-    if found.moved is None:
-        return ""
-    turned = np.rad2deg(Rotation.from_matrix(found.moved.rotation).magnitude())
+def _describe_move(found: Comparison, moved: RigidTransform) -> str:
+    turned = np.rad2deg(Rotation.from_matrix(moved.rotation).magnitude())
     middle = np.nanmean(found.second_m.reshape(-1, 3), axis=0)
-    shift = middle - found.moved.rotation.T @ (middle - found.moved.shift_m)
+    shift = middle - moved.rotation.T @ (middle - moved.shift_m)
     return f"the second was turned by {turned:.2f} degrees, and its middle moved by {_mm(float(np.linalg.norm(shift)))}"
 
 
