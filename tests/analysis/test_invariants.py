@@ -96,6 +96,13 @@ def test_a_wrong_arc_length_is_told_as_such_and_takes_nothing_away() -> None:
     assert any("from marker 4 to marker 5 is not 70 mm" in note for note in found.notes)
 
 
+def test_an_end_where_no_cable_reaches_takes_no_marker_away() -> None:
+    astray = replace(FRAMES, end_m=FRAMES.end_m + np.array([0.0, 0.0, 0.3]))
+    found = take_broken_away(astray, as_sorted(TAKE.source, frames=astray), CABLE)
+    assert np.array_equal(found.source, TAKE.source)
+    assert "other end is farther from its last marker than the cable is long" in found.notes[-1]
+
+
 def test_of_two_markers_with_one_point_the_surer_one_keeps_it() -> None:
     source = np.array([[3, 1, 3, -1], [-1, -1, 0, 2]], dtype=np.int16)
     sure = np.array([[0.7, 1.0, 0.9, 0.0], [0.0, 0.0, 1.0, 1.0]], dtype=np.float32)

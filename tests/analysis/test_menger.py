@@ -11,7 +11,9 @@ from hypothesis import strategies as st
 
 from bench.analysis import ESTIMATORS, CableEnd, ClampedEnds, CurveEstimate, fit_menger_gp, fit_spline, get_estimator
 from bench.analysis.kernels.menger import apply_weights, measure_bends
-from bench.analysis.menger_prior import integrate_matern
+from bench.analysis.menger_chain import make_chain
+from bench.analysis.menger_prior import Layout, integrate_matern, make_prior
+from bench.analysis.menger_smoothness import Sighting, learn_smoothness, measure_widening
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_M = 2e-4
@@ -94,6 +96,29 @@ def test_the_band_holds_the_truth_on_clamped_rods_with_dense_markers(
     assert 0.9 <= coverage(known, found) <= 0.998
     assert "Learnt from the frames" in found.notes[0]
     assert found.warnings == []
+
+
+@pytest.mark.parametrize(("stiffness_nm2", "n_markers"), [(0.02, 10), (0.005, 10), (0.002, 20)])
+def test_the_band_widens_beside_clamps_where_markers_are_sparse(stiffness_nm2: float, n_markers: int) -> None:
+    rng = np.random.default_rng(115)
+    known = make_rods(stiffness_nm2, n_markers).repeat(8)
+    found = fit(known, known.see(rng, NOISE_M), known.hold(rng, TANGENT_RAD))
+    assert 0.9 <= coverage(known, found) <= 0.998
+
+
+def test_a_cable_that_is_alike_all_along_has_no_wider_band_anywhere() -> None:
+    rng = np.random.default_rng(116)
+    s, frames = np.linspace(0, 1.5, 16), 400
+    layout = Layout(s, s[[0, -1]], np.full(18, NOISE_M**2))
+    chain = make_chain(layout, np.ones(16, dtype=bool), np.array([False, False]))
+    prior = make_prior(layout, s[:0], 2.0, 0.5)
+    covariance = chain.difference @ prior.node_covariance @ chain.difference.T + chain.noise
+    bends = 3.0 + rng.multivariate_normal(np.zeros(14), covariance, frames)
+    sighting = Sighting(chain, bends[:, :, None] * [0.0, 0.0, 1.0])
+    smoothness = learn_smoothness([sighting], layout)
+    assert smoothness.amplitude_per_m == pytest.approx(2.0, rel=0.35)
+    assert smoothness.length_m == pytest.approx(0.5, rel=0.25)
+    assert np.all(measure_widening(sighting, layout, smoothness).factor < 1.2)
 
 
 def test_markers_too_far_apart_for_the_clamps_are_told() -> None:

@@ -6,6 +6,7 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
+from bench.analysis.best_curve import estimate_best
 from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
 from bench.analysis.both_ends import fill_from_end
@@ -41,6 +42,7 @@ from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gat
 from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
+from bench.analysis.periodicity import find_repeated_cycles
 from bench.analysis.phase import phase_from_register, phase_from_time
 from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
 from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
@@ -144,6 +146,7 @@ __all__ = [
     "describe_drift",
     "describe_source",
     "draw_motion",
+    "estimate_best",
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "estimate_pulse_offset",
@@ -157,6 +160,7 @@ __all__ = [
     "find_isolated_bends",
     "find_largest_bend",
     "find_reflections",
+    "find_repeated_cycles",
     "find_static_marker",
     "find_tighter",
     "fit_elastica",

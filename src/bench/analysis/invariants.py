@@ -74,9 +74,11 @@ def take_broken_away(frames: PointFrames, markers: SortedMarkers, settings: Sort
     position[wrong] = np.nan
     gates = make_gates(settings)
     doubtful = _find_doubtful(frames, position, settings, gates)
-    gates.low_m[doubtful], gates.high_m[doubtful] = 0.0, NO_LIMIT_M
+    spacings = doubtful[doubtful < settings.n_markers]
+    gates.low_m[spacings], gates.high_m[spacings] = 0.0, NO_LIMIT_M
+    believed = replace(frames, end_m=None) if settings.n_markers in doubtful else frames
     for _ in range(ROUNDS):
-        blamed = find_wrong_spacings(frames, position, settings, gates).blame(sure) & np.isfinite(position[..., 0])
+        blamed = find_wrong_spacings(believed, position, settings, gates).blame(sure) & np.isfinite(position[..., 0])
         if not blamed.any():
             break
         wrong |= blamed
@@ -179,20 +181,29 @@ def _way_from_others(before_m: Floats32, after_m: Floats32, marker: int) -> Floa
 
 
 def _find_doubtful(frames: PointFrames, position_m: Floats32, settings: SortSettings, gates: SpacingGates) -> Ints:
-    """Return the markers that miss their gate from the one before in more than a twentieth of the frames."""
+    """Return the markers that miss their gate from the one before in more than a twentieth of the frames; k is the end.
+
+    The end's gate is judged from whichever marker is found last.
+    """
+    k = settings.n_markers
     pairs = find_wrong_spacings(frames, position_m, settings, gates)
-    beside = (pairs.second - pairs.first == 1) & (pairs.second < settings.n_markers)
-    n_wrong = np.bincount(pairs.second[beside], minlength=settings.n_markers)
-    is_found = np.isfinite(position_m[..., 0])
-    return np.flatnonzero(n_wrong > np.maximum(DOUBTFUL_SHARE * is_found.sum(axis=0), FEWEST_DOUBTS))
+    counted = (pairs.second - pairs.first == 1) | (pairs.second == k)
+    n_wrong = np.bincount(pairs.second[counted], minlength=k + 1)
+    n_found = np.append(np.isfinite(position_m[..., 0]).sum(axis=0), len(frames))
+    return np.flatnonzero(n_wrong > np.maximum(DOUBTFUL_SHARE * n_found, FEWEST_DOUBTS))
 
 
 def _blame_configuration(marker: int, settings: SortSettings) -> str:
+    often = f"in more than {DOUBTFUL_SHARE:.0%} of the frames"
+    if marker == settings.n_markers:
+        return (
+            f"The cable's other end is farther from its last marker than the cable is long, {often}: check its place."
+        )
     spacing_mm = 1e3 * np.diff(settings.arc_length_m, prepend=0.0)[marker]
     before = f"marker {marker - 1}" if marker else "the anchor"
     return (
-        f"The distance from {before} to marker {marker} is not {spacing_mm:.0f} mm, as configured, in more than "
-        f"{DOUBTFUL_SHARE:.0%} of the frames: check marker_arc_length_m."
+        f"The distance from {before} to marker {marker} is not {spacing_mm:.0f} mm, as configured, {often}: check "
+        "marker_arc_length_m."
     )
 
 

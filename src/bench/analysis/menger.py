@@ -10,7 +10,7 @@ from bench.analysis.arrays import Floats, Floats32, Ints
 from bench.analysis.curve import ClampedEnds, CurveEstimate, group_by_seen_markers
 from bench.analysis.menger_chain import Chain, make_chain, make_curve_matrices
 from bench.analysis.menger_prior import Layout, make_prior
-from bench.analysis.menger_smoothness import Sighting, Smoothness, learn_smoothness
+from bench.analysis.menger_smoothness import Sighting, Smoothness, Widening, learn_smoothness, measure_widening
 
 __all__ = ["fit_menger_gp"]
 
@@ -24,6 +24,8 @@ NEAREST_M = 1e-3
 FEWEST_SPACINGS = 5.0
 """Over which the curvature stays alike. Clamped rods had their peak read up to 80 % too low below this, and above it,
 with tangents, up to 15 % (measured 2026-11, bending stiffness 0.005 to 0.3 N m^2, 7 to 30 markers on 1.5 m)."""
+WIDEST = 2.0
+"""Widening of the band above which the largest bends of the same rods lay outside it."""
 ROUNDING_M = 1e-7
 """Of a position of some metres in single precision: no noise is smaller."""
 
@@ -88,9 +90,10 @@ def fit_menger_gp(
     Returns
     -------
     CurveEstimate
-        The magnitude of the posterior mean vector, and the posterior standard deviation of a component. It holds noise
-        and what lies between markers as far as the rest of the recording tells; it does not hold bends beside clamps
-        that are shorter than anything the markers show. On a straight cable the magnitude is noise's own: up to two
+        The magnitude of the posterior mean vector, and the posterior standard deviation of a component, widened where
+        bends differ from what all others make of them by more than they should. It holds noise and what lies between
+        markers as far as the rest of the recording tells; it does not hold bends beside clamps that are shorter than
+        anything the markers show. On a straight cable the magnitude is noise's own: up to two
         standard deviations, never below zero. The residual is how far the markers lie off the curve, across the cable:
         a part of their noise. It is far more where markers are dense and one is not what it is taken for.
 
@@ -107,15 +110,18 @@ def fit_menger_gp(
     residual = np.full(len(position_m), np.nan, dtype=np.float32)
     vector = np.full((*shape, 3) if with_vector else (0, 0, 3), np.nan, dtype=np.float32)
     groups, notes, warnings = nodes.group(), [], []
-    if groups:
-        smoothness = learn_smoothness(_sample(nodes, groups), nodes.layout)
+    sightings = _sample(nodes, groups)
+    if sightings:
+        smoothness = learn_smoothness(sightings, nodes.layout)
+        widening = measure_widening(sightings[0], nodes.layout, smoothness)
+        wider = np.interp(arc_length_m, widening.at_m, widening.factor)
         notes = [_describe(smoothness)]
-        warnings = _warn_of_coarse(smoothness, marker_arc_length_m)
+        warnings = _warn_of_coarse(smoothness, widening, marker_arc_length_m)
         prior = make_prior(nodes.layout, arc_length_m, smoothness.amplitude_per_m, smoothness.length_m)
         for chain, frames in groups:
             matrices = make_curve_matrices(chain, prior, arc_length_m)
             known = nodes.position_m, nodes.tangent, frames, chain.seen, chain.held, chain.reach_m, chain.share
-            weight, own = matrices.weight.astype(np.float32), matrices.sigma_per_m.astype(np.float32)
+            weight, own = matrices.weight.astype(np.float32), (wider * matrices.sigma_per_m).astype(np.float32)
             apply_weights(*known, weight, own, matrices.offset_m2, curvature, sigma, residual, vector)
     return CurveEstimate(curvature, sigma, vector if with_vector else None, residual, "menger_gp", notes, warnings)
 
@@ -171,14 +177,16 @@ def _describe(smoothness: Smoothness) -> str:
     )
 
 
-def _warn_of_coarse(smoothness: Smoothness, marker_s_m: Floats) -> list[str]:
+def _warn_of_coarse(smoothness: Smoothness, widening: Widening, marker_s_m: Floats) -> list[str]:
     """Return what to say where the markers are too far apart for the bends that occur."""
-    spacing_m = float(np.median(np.diff(marker_s_m)))
-    if smoothness.is_even or smoothness.length_m > FEWEST_SPACINGS * spacing_m:
+    spacing_m, widest = float(np.median(np.diff(marker_s_m))), float(widening.factor.max())
+    too_short = smoothness.length_m <= FEWEST_SPACINGS * spacing_m
+    if smoothness.is_even or not (too_short or widest > WIDEST):
         return []
     sentence = (
-        f"The cable's curvature changes over {smoothness.length_m * 1e3:.0f} mm, less than {FEWEST_SPACINGS:g} of the "
-        f"markers' spacings of {spacing_m * 1e3:.0f} mm: its largest value, beside a clamp above all, may be read too "
-        "low by more than its interval says."
+        f"The markers, {spacing_m * 1e3:.0f} mm apart, are too far apart for this cable's sharpest bends (its "
+        f"curvature changes over {smoothness.length_m * 1e3:.0f} mm; a bend differs by up to {widest:.1f} standard "
+        "deviations from what all others make of it): its largest curvature, beside a clamp above all, may be read "
+        "too low by more than its interval says."
     )
     return [sentence]

@@ -24,6 +24,8 @@ class Chain:
     """(2,): cable between each clamp and its nearest node; 0 where the clamp is that node, or not held."""
     share: Floats
     """(2,): of the angle between tangent and chord, what half the chord's arc turns."""
+    bend_s_m: Floats
+    """(b,): arc length at the middle of what each bend is an average of; the clamp itself at a held end."""
     difference: Floats
     """(b, n + 2): the bends of a gently bent cable from its nodes' offsets across it and its tangents' slopes."""
     noise: Floats
@@ -58,19 +60,20 @@ def make_chain(layout: Layout, seen: Bools, held: Bools) -> Chain:
     slope[steps + 1, index[1:]], slope[steps + 1, index[:-1]] = 1 / np.diff(s), -1 / np.diff(s)
     slope[0, -2] = slope[-1, -1] = 1.0
     apart = np.concatenate([[reach[0] + half[0]], 0.5 * (s[2:] - s[:-2]), [reach[1] + half[1]]])
-    difference = (np.diff(slope, axis=0) / apart[:, None])[
-        np.concatenate([held[:1], np.ones(len(s) - 2, bool), held[1:]])
-    ]
+    kept = np.concatenate([held[:1], np.ones(len(s) - 2, dtype=bool), held[1:]])
+    difference = (np.diff(slope, axis=0) / apart[:, None])[kept]
+    first_m, last_m = float(s[0] - reach[0]), float(s[-1] + reach[1])
     return Chain(
         seen=index,
         held=held,
         reach_m=reach,
         share=half / (reach + half),
+        bend_s_m=np.concatenate([[first_m], (s[2:] + s[1:-1] + s[:-2]) / 3, [last_m]])[kept],
         difference=difference,
         noise=(difference * layout.variance) @ difference.T,
         node_noise=(difference * layout.variance)[:, index],
-        first_m=float(s[0] - reach[0]),
-        last_m=float(s[-1] + reach[1]),
+        first_m=first_m,
+        last_m=last_m,
     )
 
 

@@ -1,4 +1,4 @@
-"""How strongly and over which length a cable's bending changes, learnt from the frames of a recording together."""
+"""How a cable's bending changes along it, learnt from the frames of a recording together."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bench.analysis.arrays import Floats
 from bench.analysis.menger_chain import Chain
 from bench.analysis.menger_prior import Layout, make_prior
 
-__all__ = ["Sighting", "Smoothness", "learn_smoothness"]
+__all__ = ["Sighting", "Smoothness", "Widening", "learn_smoothness", "measure_widening"]
 
 N_LENGTHS, N_AMPLITUDES = 18, 28
 """Steps of a quarter to a third: finer than frames of one cable tell them apart."""
@@ -21,6 +21,9 @@ USUAL_LENGTH, LENGTH_SPREAD = 0.25, 1.0
 """Before any data: a quarter of the chain, within a factor of e."""
 USUAL_AMPLITUDE, AMPLITUDE_SPREAD = 0.5, 1.5
 """Before any data: half of the usual bend, within a factor of 4.5."""
+
+FRAMES_OF_ONE = 10.0
+"""The band is believed until more frames than that say otherwise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,16 @@ class Smoothness:
     """Over which curvature at two places is alike."""
     is_even: bool = False
     """Whether the least amplitude was enough: the cable's curvature is the same all along it, and the length idle."""
+
+
+@dataclass(frozen=True, eq=False)
+class Widening:
+    """How much wider than the process's the band must be: it is the same process all along, the cable is not."""
+
+    at_m: Floats
+    """(b,): arc lengths, ascending."""
+    factor: Floats
+    """(b,): 1 or more."""
 
 
 def learn_smoothness(sightings: Sequence[Sighting], layout: Layout) -> Smoothness:
@@ -67,6 +80,26 @@ def learn_smoothness(sightings: Sequence[Sighting], layout: Layout) -> Smoothnes
             cost[i] += _cost(seen, taken @ covariance @ taken.T, amplitudes)
     best = np.unravel_index(int(cost.argmin()), cost.shape)
     return Smoothness(float(amplitudes[best[1]]), float(lengths[best[0]]), is_even=bool(best[1] == 0))
+
+
+def measure_widening(sighting: Sighting, layout: Layout, smoothness: Smoothness) -> Widening:
+    """Return by how much each bend differs from what all the others make of it, in standard deviations of that.
+
+    Beside a clamp a cable bends more quickly than elsewhere; where markers show a trace of that, the bends there are
+    predicted worst by the others. Leaving a bend out is a closed form (Rasmussen and Williams, 5.4.2). Frames have the
+    weights of the Student distribution from which smoothness was learnt.
+    """
+    chain, bend = sighting.chain, _find_main_bends(sighting.bend_per_m)
+    prior = make_prior(layout, layout.node_s_m[:0], smoothness.amplitude_per_m, smoothness.length_m)
+    inverse = np.linalg.inv(chain.difference @ prior.node_covariance @ chain.difference.T + chain.noise)
+    sums = inverse.sum(axis=1)
+    precision = inverse - np.outer(sums, sums) / sums.sum()
+    left_out = bend @ precision
+    weight = (DEGREES_OF_FREEDOM + len(sums) - 1) / (DEGREES_OF_FREEDOM + np.einsum("cb,cb->c", left_out, bend))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = weight @ (left_out**2 / np.diag(precision))
+    share = (FRAMES_OF_ONE + square) / (FRAMES_OF_ONE + len(bend))
+    return Widening(chain.bend_s_m, np.sqrt(np.fmax(share, 1.0)))
 
 
 def _cost(seen: Floats, covariance: Floats, amplitudes: Floats) -> Floats:

@@ -61,8 +61,8 @@ def sort_automatically(frames: PointFrames, settings: SortSettings) -> SortedMar
     """Sort by the method that suits the recording, and take away what breaks an invariant.
 
     By the robot's cycle where at least five whole cycles were recorded and repeat: where they stray from their median
-    by little against the markers' spacing. Else by tracks through time, and few frames each by itself. The first note
-    says which and why.
+    by little against the markers' spacing. Else by tracks through time, and fewer than 50 frames each by
+    itself. The first note says which and why.
     """
     sort, why = _choose(frames, settings)
     markers = sort(frames, settings)

@@ -289,7 +289,9 @@ class AnalysisConfig(Section):
         "'menger_gp': discrete bends, smoothed, with a band; 'spline': the paper's cubic spline.",
     )
     cycles: Literal["auto", "whole"] = Field(
-        "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."
+        "auto",
+        description="'auto': as the robot shows them; without a robot as the motion repeats, at least three times, "
+        "else the whole take as cycle 0. 'whole': always that.",
     )
     marker_noise_mm: float = Field(
         0.2, gt=0, le=50, description="Standard deviation of a marker's position; 0.12-0.74 mm measured on OptiTrack."

@@ -11,6 +11,7 @@ from bench.analysis import (
     CycleTable,
     CycleVerdicts,
     find_cycles,
+    find_repeated_cycles,
     judge_cycles,
     phase_from_path,
     phase_from_register,
@@ -28,6 +29,9 @@ __all__ = ["PlacedFrames", "describe_cycles", "place_frames"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+
+WHOLE = "whole take"
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +60,8 @@ def place_frames(
 ) -> PlacedFrames:
     """Find the cycles, judge them, and say of every frame in which cycle and where in it it was taken.
 
-    As the robot shows them; without a robot, or if so configured, the whole recording is cycle 0.
+    As the robot shows them; without a robot, as the motion repeats. Where it does not, or if so configured, the whole
+    recording is cycle 0.
 
     Parameters
     ----------
@@ -68,7 +73,11 @@ def place_frames(
         Cycles of the run; what a program that waits for no grant began after them is none of it.
     """
     shown = None if config.cycles == "whole" else robot
-    table, refined, method = _find_table(frames, shown, account, n_driven)
+    if robot is None and config.cycles == "auto":
+        table, method = _find_repeated(frames)
+        refined = np.zeros(len(table.cycle_index), dtype=bool)
+    else:
+        table, refined, method = _find_table(frames, shown, account, n_driven)
     row = table.locate(frames.time_ns)
     phase, how = _find_phase(table, shown, row, frames.time_ns)
     index = np.full(len(row), -1, dtype=np.int64)
@@ -86,12 +95,19 @@ def place_frames(
     return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
 
 
+def _find_repeated(frames: TrackerFrames) -> tuple[CycleTable, str]:
+    """Return the cycles of a take, and what showed them: the whole of it is one where no motion repeats."""
+    in_order = bool((np.diff(frames.time_ns) > 0).all())
+    table = find_repeated_cycles(frames.points_m, frames.offsets, frames.time_ns) if in_order else None
+    return (_whole_recording(frames), WHOLE) if table is None else (table, "motion that repeats")
+
+
 def _find_table(
     frames: TrackerFrames, robot: RobotSamples | None, account: CycleAccount, n_driven: int | None
 ) -> tuple[CycleTable, npt.NDArray[np.bool_], str]:
     """Return the cycles, whether each start is that of the joints' motion, and what showed them."""
     if robot is None:
-        table, method = _whole_recording(frames), "whole take"
+        table, method = _whole_recording(frames), WHOLE
         refined = np.zeros(len(table.cycle_index), dtype=bool)
     else:
         table = find_cycles(robot.counter)

@@ -224,7 +224,8 @@ def _body_anchor(start: ChainStart, bodies: TrackedBodies, holder: HolderConfig)
     start.facts["Anchor"] = f"{'clamp' if holder.clamp_m else 'centre of gravity'} of the rigid body '{name}'"
     if n_lost:
         start.warnings.append(
-            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: they are not sorted."
+            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: nothing tells where the "
+            "cable starts in them."
         )
     return anchor
 

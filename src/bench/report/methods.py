@@ -47,12 +47,13 @@ CURVATURE = {
     "rest: strands that slip as it bends, read with one stiffness, gave 9 to 38 % too low; motion above 0.5 m/s a "
     "range at the clamp 21 % too low. Then it misses the markers, and the report warns.",
     "menger_gp": "Circles through neighbouring markers, and from a clamp's known direction to the next marker, "
-    "smoothed as the recording's own frames tell; its band is the posterior's. On a circle of eight markers with "
-    "0.2 mm noise the radius errs by 0.1 %, on a catenary of twelve by 14 % where it is flattest, and the band "
-    "holds the truth in 99 % of places. Bends beside a clamp that are shorter than the distance between markers it "
-    "cannot see, and then its band does not hold them: on simulated clamped cables (markers every 167 mm) it read "
-    "the largest curvature 4, 24 and 56 % too low where the true smallest radius was 81, 43 and 27 mm, and 22, 64 "
-    "and 82 % without the clamps' directions. On a straight cable it reads noise, up to two standard deviations.",
+    "smoothed as the recording's own frames tell; its band is the posterior's, widened where single bends miss it. "
+    "On a circle of eight markers with 0.2 mm noise the radius errs by 0.1 %, on a catenary of twelve by 14 % where "
+    "it is flattest, and the band holds the truth in 99 % of places. A bend beside a clamp that is shorter than the "
+    "distance between markers it cannot see, and then its band does not hold the peak: on simulated clamped cables "
+    "(markers every 167 mm) it read the largest curvature 4, 24 and 56 % too low where the true smallest radius was "
+    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions; the report warns of the worst of these. "
+    "On a straight cable it reads noise, up to two standard deviations.",
     "spline": "A cubic spline through the markers, bent freely at both ends. It cannot see a bend shorter than the "
     "distance between markers, and cables bend most in just such places: beside the clamps. On simulated clamped "
     "cables (markers every 167 mm) it read the largest curvature 3, 33, 61 and 74 % too low where the true smallest "
@@ -68,7 +69,11 @@ CYCLES = {
     "edge that no sample shows, for the stream had a gap or the pulse was shorter than a sample, is a cycle lost.",
     "joints' return": "A cycle is the time from leaving the start pose to being back in it and at rest. A path that "
     "rests at its start pose half-way is counted as two cycles.",
-    "whole": "No robot: the whole take counts as cycle 0, and phase is the share of its time that has passed.",
+    "motion that repeats": "No robot: the cycles are those in which the points come back to the same places, at least "
+    "three times. Each start is where the take is most like the other starts, or where motion begins after each rest; "
+    "phase is the share of the cycle's time that has passed.",
+    "whole": "No robot, and no motion that repeats three times, or so configured: the whole take counts as cycle 0, "
+    "and phase is the share of its time that has passed.",
 }
 OTHERWISE = "No figures for this method are kept with this report."
 
@@ -85,17 +90,20 @@ def describe_methods(results: Results) -> list[MethodNote]:
 
 def warn_about_clamps(results: Results) -> str:
     """Return the sentence for the first screen when the curvature's method under-reads beside clamps, else empty."""
-    if "spline" not in results.methods.get("curvature", "").lower():
+    method = results.methods.get("curvature", "").lower()
+    blind = {"spline": "The spline reads", "menger_gp": "Without a fitted rod the markers show"}
+    said = next((text for name, text in blind.items() if name in method), "")
+    if "elastica" in method or not said:
         return ""
     return (
-        "The spline reads bends beside the clamps too gently: the cable may be bent tighter there than any radius "
-        "on this page (see Methods and their limits)."
+        f"{said} bends beside the clamps too gently: the cable may be bent tighter there than any radius on this page "
+        "(see Methods and their limits)."
     )
 
 
 def _note(step: str, method: str, known: dict[str, str], in_this_run: list[str]) -> MethodNote:
-    limits = next((text for name, text in known.items() if name in method.lower()), OTHERWISE)
-    return MethodNote(step, method, " ".join([limits, *in_this_run]))
+    limits = [text for name, text in known.items() if name in method.lower()] or [OTHERWISE]
+    return MethodNote(step, method, " ".join([*limits, *in_this_run]))
 
 
 def _maximum_note() -> MethodNote:

@@ -37,7 +37,7 @@ def judge_run(
     verdict ok or slow only.
     """
     failures = _too_tight(cycles, minimum_bend_radius_mm)
-    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles)]
+    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
     outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
     return outcome, [*failures, *errors]
 
@@ -94,8 +94,10 @@ def _stream_errors(streams: list[StreamFinding]) -> list[str]:
     return sentences + ([f"Records never arrived: {', '.join(missed)}."] if missed else [])
 
 
-def _cycle_errors(cycles: CycleColumns) -> list[str]:
+def _cycle_errors(cycles: CycleColumns, end: RunEnd) -> list[str]:
     interrupted = [int(i) for i, v in zip(cycles.cycle_index, cycles.verdict, strict=True) if v == Verdict.INTERRUPTED]
+    if end.exit_status == IMPORT:  # a take begins and ends in the middle of a cycle, and nobody is at fault
+        interrupted = []
     sentences = [f"Cycles were interrupted: {_list_briefly(interrupted)}."] if interrupted else []
     if Verdict.OK not in cycles.verdict:
         sentences.append("No cycle was recorded." if not len(cycles.verdict) else "No cycle has the verdict ok.")

@@ -17,6 +17,7 @@ from bench.analysis import (
     find_folds,
     find_isolated_bends,
     find_tighter,
+    fit_spline,
     get_estimator,
     get_sorter,
 )
@@ -43,6 +44,8 @@ class TracedCable:
     """(F,): bent tighter than the cable's own radius somewhere, or folded back, so wrongly sorted."""
     isolated: Bools
     """(F,): bent far tighter than just before and after, so probably wrongly sorted."""
+    isolated_bend_per_m: float
+    """The tightest of these bends, 0 without any."""
     arc_length_m: Floats
     """(G,)"""
     marker_arc_length_m: Floats
@@ -65,12 +68,12 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     markers = get_sorter(analysis.sorting)(points, settings)
     if markers.method == "paper":
         markers = fill_from_end(points, markers, settings)
-    curve = get_estimator(analysis.curvature)(
-        markers.position_m, marker_places, places, analysis.marker_noise_mm * 1e-3, ends=ends
-    )
-    impossible = find_tighter(curve.curvature_per_m, 2e3 / config.cable.diameter_mm) | find_folds(markers.position_m)
+    noise_m = analysis.marker_noise_mm * 1e-3
+    curve = get_estimator(analysis.curvature)(markers.position_m, marker_places, places, noise_m, ends=ends)
+    drawn = fit_spline(markers.position_m, marker_places, _judged_places(marker_places), noise_m)
+    impossible = find_tighter(drawn.curvature_per_m, 2e3 / config.cable.diameter_mm) | find_folds(markers.position_m)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible
-    isolated = find_isolated_bends(curve.curvature_per_m, curve.sigma_per_m, plausible, points.time_ns)
+    isolated = find_isolated_bends(drawn.curvature_per_m, drawn.sigma_per_m, plausible, points.time_ns)
     return TracedCable(
         markers=markers,
         curve=curve,
@@ -78,9 +81,18 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
         trusted=plausible & ~isolated,
         impossible=impossible,
         isolated=isolated,
+        isolated_bend_per_m=float(np.nanmax(drawn.curvature_per_m[isolated])) if isolated.any() else 0.0,
         arc_length_m=places,
         marker_arc_length_m=marker_places,
     )
+
+
+def _judged_places(marker_places: Floats) -> Floats:
+    """Return where the curve through every marker is asked for wrong labels: at the markers and half way between.
+
+    A smooth curve averages a wrong label away; the spline goes through it and is bent most there.
+    """
+    return np.sort(np.concatenate([marker_places, (marker_places[1:] + marker_places[:-1]) / 2]))
 
 
 def _find_span(marker_places: Floats, ends: ClampedEnds | None) -> tuple[float, float]:

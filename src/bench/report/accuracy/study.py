@@ -105,8 +105,8 @@ class Study:
 
     @property
     def variants(self) -> list[tuple[str, str]]:
-        """Estimators with what they know of the ends, in the order in which they were tried."""
-        return list(dict.fromkeys((row.estimator, row.ends) for row in self.rows))
+        """Estimators that gave something, with what they know of the ends, in the order in which they were tried."""
+        return list(dict.fromkeys((row.estimator, row.ends) for row in self.rows if row.figures))
 
 
 def make_conditions(noise_m: float) -> dict[str, Condition]:
