@@ -115,3 +115,12 @@ def test_values_without_any_noise_have_exactly_their_steps() -> None:
 def test_a_curve_is_at_most_ten_steps() -> None:
     series = np.cumsum(np.random.default_rng(10).choice([-9.0, 9.0], 400).repeat(25))
     assert len(describe_drift(series).changes) == 10
+
+
+def test_one_or_two_odd_cycles_at_an_end_are_no_lasting_change() -> None:
+    for odd in ([0], [-1], [0, 1], [-2, -1]):
+        series = np.random.default_rng(11).standard_normal(60)
+        series[odd] += 30.0
+        found = describe_drift(series)
+        assert not found.is_trend
+        assert all(3 <= change.at <= 57 for change in found.changes)

@@ -90,8 +90,9 @@ def test_a_rigid_body_at_the_end_tells_its_place_and_direction(tmp_path: Path) -
 
 
 def test_an_end_that_no_cable_reaches_is_a_warning(tmp_path: Path) -> None:
-    results, _ = analyse(tmp_path, replace(HELD, change_points=hold_end(0.3)))
+    results, truth = analyse(tmp_path, replace(HELD, change_points=hold_end(0.3)))
     assert any("mm from the cable's end" in text and "clamp_m" in text for text in results.warnings)
+    assert np.array_equal(results.frames.source, truth)
 
 
 def test_a_hidden_marker_costs_one_marker_where_the_end_is_known(tmp_path: Path) -> None:

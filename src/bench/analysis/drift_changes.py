@@ -32,6 +32,8 @@ LIMITS: Floats = np.array([13.4, 8.3, 6.4, 5.2, 4.6, 4.1, 3.8, 3.9, 4.2])
 Simulated 2026-11: up to 2000 values with a correlation of 0.6 between neighbours (first-order autoregressive), above of
 white noise. Two quantities are watched, so that about 1 of 125 runs has an alarm, fewer where cycles err independently.
 """
+LEAST_LASTING = 3
+"""Values on either side of a lasting change: fewer are bad cycles."""
 OUTLIER_RATIO = 5.0
 """A value this many standard deviations off its four neighbours is a bad cycle and no lasting change."""
 ROUNDING = 1e-9
@@ -101,7 +103,10 @@ class _Model:
         self._size = np.linalg.lstsq(design, series, rcond=None)[0]
         self.rest = series - design @ self._size
         bounds = list(zip([0, *steps], [*steps, len(series)], strict=True))
-        noise = [_measure_noise(self.rest[low:high]) for low, high in bounds]
+        everywhere = _measure_noise(self.rest)
+        noise = [
+            _measure_noise(self.rest[low:high]) if high - low >= FEWEST_VALUES else everywhere for low, high in bounds
+        ]
         self._error = [one / np.sqrt(high - low) for one, (low, high) in zip(noise, bounds, strict=True)]
         self.slope = float(self._size[-1])
         self.slope_sigma = float(max(noise) * np.sqrt(np.linalg.inv(design.T @ design)[-1, -1]))
@@ -137,7 +142,7 @@ def _find_steps(series: Floats, place: Floats, has_line: bool) -> list[int]:
 
 def _without_outliers(series: Floats) -> Floats:
     """Return the series with each lone outlier replaced by the median of its neighbourhood."""
-    padded = np.pad(series, 2, mode="edge")
+    padded = np.pad(series, 2, mode="reflect")
     near = np.median(np.lib.stride_tricks.sliding_window_view(padded, 5), axis=1)
     sigma = float(np.median(np.abs(np.diff(series)))) / NORMAL_QUARTILE / np.sqrt(2.0)
     return np.where(np.abs(series - near) > OUTLIER_RATIO * sigma, near, series)
@@ -182,9 +187,9 @@ def _find_step(rest: Floats, steps: list[int]) -> int:
         n = high - low
         if n < FEWEST_VALUES:
             continue
-        left, part = np.arange(1, n), rest[low:high] - rest[low:high].mean()
-        explained = np.abs(np.cumsum(part)[:-1]) * np.sqrt(n / (left * (n - left)))
+        left, part = np.arange(LEAST_LASTING, n - LEAST_LASTING + 1), rest[low:high] - rest[low:high].mean()
+        explained = np.abs(np.cumsum(part)[left - 1]) * np.sqrt(n / (left * (n - left)))
         largest = float(explained.max())
         if largest > max(score, _limit(n) * _measure_noise(part)):
-            best, score = low + 1 + int(explained.argmax()), largest
+            best, score = low + int(left[explained.argmax()]), largest
     return best

@@ -7,14 +7,25 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import CableEnd, ClampDirection, ClampedEnds, RigidTransform, SortedMarkers, make_gates, place_end
+from bench.analysis import (
+    CableEnd,
+    ClampDirection,
+    ClampedEnds,
+    MarkerReason,
+    PointFrames,
+    RigidTransform,
+    get_sorter,
+    make_gates,
+    place_end,
+    spread_frames,
+)
 from bench.config import Calibration, Config, HolderConfig
 from bench.recording import Run
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
 
-__all__ = ["AT_THE_TCP", "CableEnds", "compare_last_marker", "find_cable_ends", "find_up_axis"]
+__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -25,6 +36,9 @@ SEEN_SIGMA_M = 5e-4
 """Standard deviation of a clamp's place that the tracker sees: 0.12-0.74 mm of noise, and the clamp's drawing."""
 CENTRE_SIGMA_M = 0.01
 """Of a body's centre of gravity as the cable's end: its markers sit around the clamp, a centimetre beside the cable."""
+COMPARED_FRAMES = 200
+"""Spread over the recording, to see whether the last marker is near the end."""
+END_SIGMAS = 3.0
 ON_CURVE_SIGMA_M = 2e-3
 """Worse known than this, an end's place tells the sorter where to look, but nothing of how the cable bends there."""
 
@@ -86,25 +100,42 @@ def find_cable_ends(start: ChainStart, robot: RobotInLab | None, config: Config)
     return ends
 
 
-def compare_last_marker(ends: CableEnds, markers: SortedMarkers, config: Config) -> dict[str, str]:
-    """Return how well the last marker agrees with the cable's end as a fact; add a warning where it cannot be."""
+def verify_end(ends: CableEnds, points: PointFrames, config: Config) -> dict[str, str]:
+    """Return how well the last marker agrees with the cable's end as a fact; an end that it contradicts is not used.
+
+    A sorter that is given a wrong end finds a chain to it. So the last marker is looked for without it first, in some
+    frames: where it usually is out of the end's reach, the end is dropped with a warning.
+
+    Parameters
+    ----------
+    ends : CableEnds
+        Loses `end` if it is contradicted.
+    points : PointFrames
+        Without the end.
+    config : Config
+    """
     if ends.end is None:
         return {}
-    complete = (markers.source >= 0).all(axis=1)
-    chord = np.linalg.norm(ends.end.position_m - markers.position_m[:, -1], axis=1)[complete]
-    chord = chord[np.isfinite(chord)]
+    known = np.flatnonzero(np.isfinite(ends.end.position_m).all(axis=1))
+    rows = known[spread_frames(0, len(known), COMPARED_FRAMES)]
+    markers = get_sorter("chain")(points.take(rows), make_sort_settings(config))
+    chord = np.linalg.norm(ends.end.position_m[rows] - markers.position_m[:, -1], axis=1)
+    chord = chord[markers.reason[:, -1] == MarkerReason.FOUND]
     if not len(chord):
-        return {}
+        return {"Cable's end": _describe(ends.end)}
     beyond_m = config.cable.length_m - config.cable.arc_length_m[-1]
     gates = make_gates(replace(make_sort_settings(config), arc_length_m=(beyond_m,)))
-    usual_m = float(np.median(chord))
-    if not gates.low_m[0] <= usual_m <= gates.high_m[0]:
+    usual_m, slack_m = float(np.median(chord)), END_SIGMAS * float(np.nanmedian(ends.end.position_sigma_m[rows]))
+    apart = f"last marker {usual_m * 1e3:.1f} mm from it (sd {chord.std() * 1e3:.2f} mm)"
+    fact = f"{_describe(ends.end)}; {apart}, {beyond_m * 1e3:.1f} mm of cable by the configuration"
+    if not gates.low_m[0] - slack_m <= usual_m <= gates.high_m[0] + slack_m:
         ends.warnings.append(
             f"The last marker is {usual_m * 1e3:.1f} mm from the cable's end, where the configuration has "
-            f"{beyond_m * 1e3:.1f} mm of cable: check length_m, the last marker's place, clamp_m and the calibration."
+            f"{beyond_m * 1e3:.1f} mm of cable, so this end is not used: check length_m, the last marker's place, "
+            "clamp_m and the calibration."
         )
-    apart = f"last marker {usual_m * 1e3:.1f} mm from it (sd {chord.std() * 1e3:.2f} mm)"
-    return {"Cable's end": f"{_describe(ends.end)}; {apart}, {beyond_m * 1e3:.1f} mm of cable by the configuration"}
+        ends.end = None
+    return {"Cable's end": fact}
 
 
 def _describe(end: CableEnd) -> str:

@@ -15,7 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.drift import find_drift
-from bench.report.ends import compare_last_marker, find_cable_ends, find_up_axis
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -80,9 +80,9 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     in_lab = find_robot(frames, robot, config.calibration.measured)
     exclude_flange_marker(start, frames, in_lab)
     ends = find_cable_ends(start, in_lab, config)
+    end_facts = verify_end(ends, list_points(frames, start, placed.row, placed.phase), config)
     points, up_axis = list_points(frames, start, placed.row, placed.phase, ends.end), find_up_axis(run)
     traced = trace_cable(points, config, ends.clamps(config.cable.length_m, up_axis))
-    end_facts = compare_last_marker(ends, traced.markers, config)
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
