@@ -8,7 +8,6 @@ from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marke
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
 from bench.analysis.best_curve import estimate_best
 from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
-from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
 from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.comparison import (
@@ -151,7 +150,6 @@ __all__ = [
     "estimate_pulse_offset",
     "exclude_near",
     "fastest_speed",
-    "fill_from_end",
     "find_cycles",
     "find_folds",
     "find_gaps",
