@@ -67,16 +67,20 @@ def pull_clamps(slope: Floats, off: Floats, expected: Floats, sigma: Floats, noi
 @compiled
 def guess_rod(
     markers: Floats,
-    end_m: Floats,
+    clamps: Floats,
     marker_at: Floats,
     at: Floats,
     weight: Floats,
     end: Floats,
     way: Floats,
     force: Floats,
+    place: Floats,
 ) -> None:
-    """Fill in the ways between the clamps from the chords between markers, and the force that suits them best."""
+    """Fill in the ways, from the clamps and the chords between markers, and the force that suits them best."""
     last, k = len(way) - 1, len(markers)
+    for axis in range(3):
+        place[axis], place[3 + axis] = 0.0, clamps[axis]
+        way[0, axis], way[last, axis] = clamps[3 + axis], clamps[6 + axis]
     knot_at, knot = np.empty(k + 3), np.empty((k + 3, 3))
     knot_at[0], n_knots, before = at[0], 1, at[0]
     point = np.zeros(3)
@@ -87,9 +91,9 @@ def guess_rod(
         if here - before < 1e-6 or (m < k and np.isnan(markers[m, 0])):
             continue
         for axis in range(3):
-            place = end_m[axis] if m == k else markers[m, axis]
-            knot[n_knots, axis] = place - point[axis]
-            point[axis] = place
+            seen = clamps[axis] if m == k else markers[m, axis]
+            knot[n_knots, axis] = seen - point[axis]
+            point[axis] = seen
         knot_at[n_knots] = 0.5 * (before + here)
         n_knots += 1
         before = here
@@ -244,6 +248,17 @@ def move_rod(
 
 
 @compiled
+def copy_shape(
+    way: Floats, force: Floats, place: Floats, new_way: Floats, new_force: Floats, new_place: Floats
+) -> None:
+    """Copy a shape."""
+    for axis in range(3):
+        new_force[axis], new_place[axis], new_place[3 + axis] = force[axis], place[axis], place[3 + axis]
+        for i in range(len(way)):
+            new_way[i, axis] = way[i, axis]
+
+
+@compiled
 def settle_rods(
     markers: Floats,
     clamps: Floats,
@@ -301,17 +316,15 @@ def settle_rods(
     for r in range(n_shapes):
         known = started[r] or (r > 0 and found[r - 1])
         if known and not started[r]:
-            way[r], force[r], place[r] = way[r - 1], force[r - 1], place[r - 1]
+            copy_shape(way[r - 1], force[r - 1], place[r - 1], way[r], force[r], place[r])
         for attempt in range(0 if known else 1, 3):
             # First from a neighbour, then from the markers, then again from the better of the two.
             if attempt == 1:
-                place[r, :3], place[r, 3:] = 0.0, clamps[r, :3]
-                way[r, 0], way[r, n - 1] = clamps[r, 3:6], clamps[r, 6:]
-                guess_rod(markers[r], clamps[r, :3], marker_at, at, weight, end, way[r], force[r])
+                guess_rod(markers[r], clamps[r], marker_at, at, weight, end, way[r], force[r], place[r])
             elif attempt == 2:
                 if not known or cost[1] <= cost[0]:
                     break
-                way[r], force[r], place[r] = kept_way, kept_force, kept_place
+                copy_shape(kept_way, kept_force, kept_place, way[r], force[r], place[r])
             found[r] = False
             for _ in range(MOST_STEPS):
                 balance_rod(way[r], force[r], place[r], law, apart, end, weight, base, diagonal, upper, right, pull)
@@ -336,5 +349,5 @@ def settle_rods(
             if attempt == 0:
                 if cost[0] <= 3 * k * (DOUBTFUL * noise_m) ** 2:
                     break
-                kept_way[:], kept_force[:], kept_place[:] = way[r], force[r], place[r]
+                copy_shape(way[r], force[r], place[r], kept_way, kept_force, kept_place)
     return found
