@@ -21,6 +21,7 @@ from benchmarks.reading import measure_reading
 from benchmarks.recording import measure_recording
 from benchmarks.report import measure_report
 from benchmarks.robot_link import measure_robot_link
+from benchmarks.rods import measure_rods
 from benchmarks.sorting import measure_sorting
 from benchmarks.table import Row, print_table, ratio_row
 from benchmarks.take_import import measure_take_import
@@ -54,7 +55,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
         folder = Path(name)
         rows = measure_main_job(folder, n_cycles=1000 if full else 100)
-        rows += [*measure_reading(folder, full), *measure_curvature()]
+        rows += [*measure_reading(folder, full), *measure_curvature(), *measure_rods()]
         rows += measure_paper_sorting(folder, n_cycles=40)
         rows += measure_report(folder, full, bench)
         rows += measure_sorting()

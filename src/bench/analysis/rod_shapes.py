@@ -12,8 +12,8 @@ from bench.analysis.rod_mesh import RodMesh
 
 __all__ = ["RodModel", "RodShapes", "settle"]
 
-MOST_LEVERAGE = 30.0
-"""A rod whose middle moves so many times as far as its clamp is about to snap: its clamps do not tell its shape."""
+MOST_LEVERAGE = 1000.0
+"""A rod whose middle moves so many times as far as its clamp is about to snap: how it changes cannot be told."""
 
 
 @dataclass(frozen=True, eq=False)

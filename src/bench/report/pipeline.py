@@ -213,7 +213,8 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none. "
+            f"All markers were found in {fraction:.1%} of the frames; in the others the curve is less certain beside a "
+            "missing marker, and ends at the last one found. "
             "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())

@@ -22,9 +22,11 @@ __all__ = ["expect_clamps", "pull_clamps", "settle_rods", "weigh_clamps"]
 
 LARGEST_STEP_RAD = 0.3
 """A longer step is shortened to this, so that the rod cannot jump to another shape."""
-SMALL_STEP_RAD = 1e-5
+SMALL_STEP_RAD = 3e-5
 """The linear step that follows a settled shape makes up for what is left: its square."""
-MOST_STEPS = 50
+CREEP_RAD = 1e-3
+"""Steps still so small at the end creep along what neither markers nor clamps tell, within its standard deviation."""
+MOST_STEPS = 25
 DOUBTFUL = 3.0
 """A shape that misses the markers by so many times their noise may be another one than the cable's: a second start."""
 
@@ -326,8 +328,8 @@ def settle_rods(
                 forward(matrix, step)
                 backward(matrix, step)
                 largest = move_rod(step, base, right, pull, way[r], force[r], place[r])
-                found[r] = largest < SMALL_STEP_RAD
-                if found[r] or not np.isfinite(largest):
+                found[r] = largest < CREEP_RAD
+                if largest < SMALL_STEP_RAD or not np.isfinite(largest):
                     break
             if attempt < 2:
                 cost[attempt] = missed if found[r] else np.inf
