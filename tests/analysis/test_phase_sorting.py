@@ -170,6 +170,12 @@ def test_order_of_points_and_frames_and_a_moved_bench_change_nothing(seed: int) 
     assert same.mean() > 0.995  # a mirrored, turned bench is rounded otherwise to float32
 
 
+def test_a_clock_that_stands_still_costs_exactness_and_nothing_else() -> None:
+    take = make_take(QUICK, 8, CLEAN, seed=1)
+    found = sort_by_phase(replace(frames_of(take), time_ns=np.zeros_like(take.time_ns)), settings_of(take, CLEAN))
+    assert take.score(found.source)[0] > 0.95
+
+
 def test_points_without_a_place_are_nobodys() -> None:
     take = make_take(QUICK, 8, USUAL, seed=1)
     points = take.points_m.copy()

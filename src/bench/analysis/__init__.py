@@ -7,9 +7,7 @@ from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arriva
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
 from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
 from bench.analysis.best_curve import estimate_best
-from bench.analysis.beyond_gaps import follow_beyond_gaps
 from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
-from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
 from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.comparison import (
@@ -152,7 +150,6 @@ __all__ = [
     "estimate_pulse_offset",
     "exclude_near",
     "fastest_speed",
-    "fill_from_end",
     "find_cycles",
     "find_folds",
     "find_gaps",
@@ -170,7 +167,6 @@ __all__ = [
     "fit_shape",
     "fit_size",
     "fit_spline",
-    "follow_beyond_gaps",
     "follow_marker",
     "gather_positions",
     "gather_shapes",

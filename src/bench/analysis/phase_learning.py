@@ -30,6 +30,8 @@ SCANNED_CYCLES = 40
 LEARNT_FRAMES = 600
 """Of each cycle, evenly: the chain search is tens of times slower than following."""
 MOST_BINS = 2_000
+LEAST_BIN_S = 1e-6
+"""A tracker whose clock stands still gives no time to divide by."""
 USUAL_LENGTH = (0.8, 1.25)
 """Times the median number of frames: a cycle outside of that was interrupted, or has lost frames."""
 FREE_ENDS = 0.05
@@ -131,7 +133,7 @@ def _lay_and_learn(
     return learn_template(
         laid,
         settings.arc_length_m,
-        bin_s=float(took_s) / n_bins,
+        bin_s=max(float(took_s) / n_bins, LEAST_BIN_S),
         least_sigma_m=np.sqrt(2.0) * settings.noise_m,
         is_anchored=frames.anchor_m is not None,
         share=0.95 if likely_m is None else 0.75,

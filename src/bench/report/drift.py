@@ -113,9 +113,10 @@ def _compare_curvature(cycles: CycleColumns, reference: Bools) -> tuple[Floats, 
         nothing = np.full(len(value), np.nan)
         return nothing, nothing, float("nan")
     level = float(np.median(known))
-    # a median of normal values is as sure as a mean of two thirds as many
-    level_sigma = 1.25 * float(np.median(np.abs(known - level))) / 0.6745 / np.sqrt(len(known))
-    return value - level, np.hypot(cycles.max_curvature_sigma_per_m, level_sigma), level
+    # what the method errs by alike in every cycle cancels: what is left is what cycles differ by
+    scatter = float(np.median(np.abs(known - level))) / 0.6745
+    sigma = scatter * float(np.sqrt(1.0 + np.pi / 2 / len(known)))
+    return value - level, np.where(np.isfinite(value), sigma, np.nan), level
 
 
 def _watch_shape(watched_m: Floats, usual_m: float, marker_noise_mm: float) -> _Watched | None:

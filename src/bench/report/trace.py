@@ -13,7 +13,6 @@ from bench.analysis import (
     CurveEstimate,
     PointFrames,
     SortedMarkers,
-    fill_from_end,
     find_folds,
     find_isolated_bends,
     find_tighter,
@@ -66,8 +65,6 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
     markers = get_sorter(analysis.sorting)(points, settings)
-    if markers.method == "paper":
-        markers = fill_from_end(points, markers, settings)
     noise_m = analysis.marker_noise_mm * 1e-3
     curve = get_estimator(analysis.curvature)(markers.position_m, marker_places, places, noise_m, ends=ends)
     drawn = fit_spline(markers.position_m, marker_places, _judged_places(marker_places), noise_m)

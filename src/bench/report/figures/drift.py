@@ -15,6 +15,9 @@ __all__ = ["drift_figure"]
 
 Floats = npt.NDArray[np.float64]
 
+LEAST_SHARE = 0.02
+"""The curvature's axis reaches at least to this part of it, on either side: twice what matters."""
+
 
 def drift_figure(results: Results) -> str:
     """Draw shape distance and change of the largest curvature by cycle, with what was found in them, as SVG."""
@@ -37,7 +40,8 @@ def _draw_shape(axes: Axes, results: Results, drift: Drift) -> None:
     columns = drift.columns
     _draw_series(axes, results, columns.shape_distance_mm, columns.shape_distance_fitted_mm)
     _mark(axes, drift, [change for change in drift.changes if change.quantity == "shape"])
-    axes.set_ylim(bottom=0)
+    least = results.config.analysis.marker_noise_mm  # noise must not fill the panel
+    axes.set_ylim(0, max(axes.get_ylim()[1], 1.5 * least))
     axes.set_ylabel("shape distance (mm)")
 
 
@@ -52,6 +56,10 @@ def _draw_curvature(axes: Axes, results: Results, drift: Drift) -> None:
         np.nan_to_num(columns.max_curvature_change_sigma_per_m),
     )
     _mark(axes, drift, [change for change in drift.changes if change.quantity == "max_curvature"])
+    usual = results.cycles.max_curvature_per_m[columns.watched]
+    least = LEAST_SHARE * float(np.median(usual[np.isfinite(usual)])) if np.isfinite(usual).any() else 0.0
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(min(bottom, -least), max(top, least))
     axes.set_ylabel("change of the largest\ncurvature (1/m)")
 
 
