@@ -17,8 +17,8 @@ from hypothesis import settings
 from xdist.scheduler import LoadScopeScheduling
 
 # The same examples in every run, so that a red suite means a change; HYPOTHESIS_PROFILE=search looks for new ones.
-settings.register_profile("repeatable", derandomize=True)
-settings.register_profile("search", derandomize=False)
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("search", derandomize=False, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 LOOPBACK = re.compile(r"\b127\.(?!0\.0\.)\d+\.\d+\.\d+\b")

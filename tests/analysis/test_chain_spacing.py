@@ -41,6 +41,14 @@ def test_a_marker_further_off_than_the_tolerance_is_named() -> None:
     assert note in sort_by_chain(scene.frames(anchor), CABLE).notes
 
 
+def test_spacings_beyond_all_gates_are_found_with_wider_ones() -> None:
+    true_m = np.array(ARC_LENGTH_M) + np.array([0, 0, 0.014, 0, 0, -0.006, 0.01, 0])
+    scene, anchor = make_take(true_m)
+    found = sort_by_chain(scene.frames(anchor), replace(CABLE, stretch=0.02))
+    assert (found.source == scene.source).all(axis=1).mean() > 0.97
+    assert any("3 of 8 markers" in note for note in found.notes)
+
+
 def test_what_is_as_configured_needs_no_note() -> None:
     scene, anchor = make_take(np.array(ARC_LENGTH_M))
     assert calibrate_spacing(scene.frames(anchor), CABLE).notes == []

@@ -146,7 +146,7 @@ def test_the_real_cable_is_sorted_as_its_truth_says(
     assert np.mean((found == true).all(axis=1)) >= least_exact
 
 
-def test_misses_and_ghosts_cost_the_papers_method_frames_but_no_count(tmp_path: Path) -> None:
+def test_misses_and_ghosts_cost_neither_frames_nor_counts_where_the_papers_method_loses_a_third(tmp_path: Path) -> None:
     config = simulated_file(
         tmp_path, ("[simulation]", '[simulation]\nmiss_probability = 0.05\nghost_count = 2\npoint_order = "shuffle"')
     )
@@ -154,13 +154,16 @@ def test_misses_and_ghosts_cost_the_papers_method_frames_but_no_count(tmp_path: 
     process = bench("run", config, "--cycles", "8", "--speed", "8", "--output", run, "--truth", truth)
     assert process.returncode == 0, process.stderr
     report = bench("report", run, "--output", tmp_path / "a")
-    # Which frames a ghost hits differs from run to run. A wrong label is a kink that comes and goes, and does not enter
-    # the figures: without that, two cycles in five read a bend below the limit (measured); one ghost that stays may.
-    assert report.returncode in (0, 1), report.stderr
+    assert report.returncode == 0, report.stderr + report.stdout
     radius_mm = pq.read_table(tmp_path / "a" / "cycles.parquet")["min_bend_radius_mm"].to_numpy()
-    assert np.count_nonzero(radius_mm < 60.0) <= 1
+    assert radius_mm.min() > 100.0
     score = score_sorting(tmp_path / "a" / "markers.parquet", truth)
+    assert score.exact > 0.99
+    assert score.wrong < 0.005
+    paper = tmp_path / "paper.toml"
+    paper.write_text(f'{config.read_text()}\n[analysis]\nsorting = "paper"\n')
+    # wrong labels of the paper's chain may look like a bend below the limit: exit code 1
+    assert bench("report", run, "--config", paper, "--output", tmp_path / "p").returncode in (0, 1)
     # A chain that stops at a gap is exact only where nothing is hidden (0.95^10 = 60 %) or the last markers are.
-    assert 0.5 < score.exact < 0.75
-    assert score.wrong < 0.1
+    assert 0.5 < score_sorting(tmp_path / "p" / "markers.parquet", truth).exact < 0.75
     assert pq.read_table(tmp_path / "a" / "cycles.parquet").num_rows == 8

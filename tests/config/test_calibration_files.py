@@ -110,7 +110,7 @@ def test_a_missing_calibration_is_one_sentence(tmp_path: Path) -> None:
     [
         ('[cable.end]\nkind = "none"\nclamp_direction = [0.0, 0.0, 1.0]', "something that holds the cable"),
         ('[cable.end]\nkind = "tcp"\nclamp_direction = [0.0, 0.0, 0.0]', "any length but zero"),
-        ('[cable.end]\nkind = "none"\nclamp_m = [0.0, 0.0, 1.0]', "clamp_m belongs to kind = 'tcp'"),
+        ('[cable.end]\nkind = "none"\nclamp_m = [0.0, 0.0, 1.0]', "clamp_m belongs to what moves"),
         ('[cable.end]\nkind = "tcp"\nname = "x"', "name belongs to kind = 'rigid_body'"),
     ],
 )

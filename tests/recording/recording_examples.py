@@ -83,7 +83,7 @@ def one_of_each() -> list[Record]:
         ClockSample(ClockSource.TRACKER, T0_NS, 77, T0_NS + 300_000, 1e7, 2),
         CycleEvent(T0_NS + 5, CycleEventKind.STARTED, 41, 12.5, "register 24"),
         LogEntry(T0_NS + 6, Severity.WARN, "robot", "link lost"),
-        RecorderStats(T0_NS + 7, "/robot/state", 5, 4, 1, 2, 17, 3.25),
+        RecorderStats(T0_NS + 7, "/robot/state", 6, 5, 4, 1, 2, 17, 3.25),
     ]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import tracemalloc
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -41,8 +42,8 @@ def _record(opcode: int, body: bytes) -> bytes:
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
-def _chunk(packed: bytes, claimed: int, compression: bytes) -> bytes:
-    head = struct.pack("<QQQII", 0, 1, claimed, 0, len(compression)) + compression
+def _chunk(packed: bytes, claimed: int, compression: bytes, checksum: int = 0) -> bytes:
+    head = struct.pack("<QQQII", 0, 1, claimed, checksum, len(compression)) + compression
     return _record(6, head + struct.pack("<Q", len(packed)) + packed)
 
 
@@ -69,6 +70,26 @@ def test_a_chunk_that_unpacks_to_far_more_than_it_claims_is_refused(
         salvaged = salvage_copy(path, tmp_path / "good.mcap")
     assert any("chunk" in text for text in salvaged.lost)
     assert len(open_run(tmp_path / "good.mcap")[ROBOT].sequence) == 1
+
+
+@pytest.mark.parametrize("claimed", [0, 1000, 999, 1001, 2**28])
+def test_a_checksum_makes_no_chunk_believed_that_unpacks_to_another_size(
+    recording: bytes, tmp_path: Path, claimed: int
+) -> None:
+    packed = lz4.frame.compress(BOMB if claimed < 1001 else BOMB[:1000])
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(_without_end(recording) + _chunk(packed, claimed, b"lz4", checksum=zlib.crc32(BOMB[:1000])))
+    before = _peak_bytes()
+    run = open_run(path)
+    assert len(run[ROBOT].sequence) == 1
+    assert "does not unpack" in run.status.lost or "checksum" in run.status.lost
+    assert _peak_bytes() - before < BOUND
+
+
+def _peak_bytes() -> int:
+    """Return the most memory that was ever in use: what is allocated and never touched is not."""
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return 1024 * int(next(line for line in lines if line.startswith("VmHWM")).split()[1])
 
 
 @pytest.mark.parametrize("opcode", [1, 3, 4, 5, 6, 7, 9, 12, 0x90])

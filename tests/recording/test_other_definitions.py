@@ -111,14 +111,16 @@ def encode_other_cloud(x_m: list[float], frame_id: str, **changes: Any) -> bytes
     return encode(load_schema(TOPICS[POINTS].schema), values | changes)
 
 
-def write_frames(path: Path, clouds: list[bytes], n_points: list[int]) -> Run:
-    """Write frames of `n_points` with point clouds of our own choice."""
+def write_frames(
+    path: Path, clouds: list[bytes], n_points: list[int], first: str = POINTS, in_chunks: bool = False
+) -> Run:
+    """Write frames of `n_points` with point clouds of our own choice; `first` is the topic that is defined first."""
     with path.open("wb") as stream:
         writer = Writer(stream, compression=CompressionType.LZ4)
         writer.start()
         writer.add_metadata("bench.run", {"run_id": "another version's"})
         channels = {}
-        for topic in (POINTS, FRAME):
+        for topic in sorted((POINTS, FRAME), key=first.__ne__):
             schema = load_schema(TOPICS[topic].schema)
             schema_id = writer.register_schema(schema.name, "ros2msg", schema.text.encode())
             channels[topic] = writer.register_channel(topic, "cdr", schema_id)
@@ -126,6 +128,8 @@ def write_frames(path: Path, clouds: list[bytes], n_points: list[int]) -> Run:
             frame = encode(load_schema(TOPICS[FRAME].schema), {"frame_number": i, "n_points": n})
             writer.add_message(channels[POINTS], i, cloud, i, i)
             writer.add_message(channels[FRAME], i, frame, i, i)
+            if in_chunks:
+                writer.flush()
         writer.finish()
     return open_run(path)
 
@@ -156,3 +160,19 @@ def test_points_that_contradict_themselves_are_damage(tmp_path: Path, wrong: dic
     run = write_frames(tmp_path / "run.mcap", [encode_other_cloud([1.0], "lab", **wrong)], [1])
     assert len(run[POINTS].ids) == 0
     assert "1 of /tracker/points, 1 of /tracker/frame" in run.status.lost
+
+
+@pytest.mark.parametrize("first", [POINTS, FRAME])
+@pytest.mark.parametrize("bad", [0, 1, 2])
+def test_a_chunk_that_cannot_be_read_costs_no_other_and_is_left_out_of_every_topic(
+    tmp_path: Path, bad: int, first: str
+) -> None:
+    clouds = [encode_cloud(make_frame(i, n_points=i + 1)) for i in range(3)]
+    clouds[bad] = encode_other_cloud([1.0], "lab", width=5)
+    run = write_frames(tmp_path / "run.mcap", clouds, [1, 2, 3], first, in_chunks=True)
+    assert len(run.topics) == 2
+    left = [i for i in range(3) if i != bad]
+    assert run[POINTS].frame_number.tolist() == left
+    assert np.diff(run[POINTS].offsets).tolist() == [i + 1 for i in left]
+    assert run[POINTS].points_m.tobytes() == b"".join(make_frame(i, n_points=i + 1).points_m.tobytes() for i in left)
+    assert run.status.lost.count("1 of /tracker/points") == 1

@@ -1,22 +1,14 @@
 from __future__ import annotations
 
-import json
-import shutil
-import subprocess
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from mcap.reader import make_reader
-from mcap_ros2.decoder import DecoderFactory
 from recording_examples import (
-    T0_NS,
     clock_samples,
     cycle_events,
     log_entries,
@@ -29,10 +21,9 @@ from recording_examples import (
     tracker_frames,
     write_run,
 )
-from rosbags.highlevel import AnyReader
 
 from bench.model import Record, TrackerFrame
-from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, STATS, Columns, Run, open_run
+from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATE, Columns, Run, open_run
 
 JAVASCRIPT = Path(__file__).parent / "javascript"
 _MODERATE = settings(max_examples=25, deadline=None)
@@ -143,102 +134,3 @@ def test_columns_can_be_had_by_name_and_as_attributes(tmp_path: Path) -> None:
     assert "q_rad" in dir(columns)
     assert "q_rad float64[1, 6]" in repr(columns)
     assert getattr(columns, "nonsense", None) is None
-
-
-def read_with_mcap(path: Path) -> dict[str, list[Any]]:
-    """Read every message with MCAP's own library and its decoder of ROS 2 messages."""
-    theirs: dict[str, list[Any]] = {}
-    with path.open("rb") as stream:
-        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
-        for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
-            theirs.setdefault(channel.topic, []).append((message, decoded))
-    return theirs
-
-
-def read_with_rosbags(path: Path) -> dict[str, list[Any]]:
-    """Read every message with rosbags: by log time, and without the sequence numbers, which it does not give."""
-    theirs: dict[str, list[Any]] = {}
-    with AnyReader([path]) as reader:
-        for connection, log_time_ns, payload in reader.messages():
-            decoded = reader.deserialize(payload, connection.msgtype)
-            theirs.setdefault(connection.topic, []).append((SimpleNamespace(log_time=log_time_ns), decoded))
-    return theirs
-
-
-def read_with_javascript(path: Path) -> dict[str, list[Any]]:
-    """Read every message with the libraries of Foxglove and Lichtblick."""
-    if shutil.which("node") is None or not (JAVASCRIPT / "node_modules").is_dir():
-        pytest.skip(f"needs Node.js, and once: npm install --prefix {JAVASCRIPT}")
-    done = subprocess.run(["node", JAVASCRIPT / "read.mjs", path], capture_output=True, text=True, check=True)
-    theirs: dict[str, list[Any]] = {}
-    for line in done.stdout.splitlines():
-        topic, log_time, publish_time, sequence, decoded = json.loads(line, object_hook=_from_json)
-        message = SimpleNamespace(log_time=log_time, publish_time=publish_time, sequence=sequence)
-        theirs.setdefault(topic, []).append((message, decoded))
-    return theirs
-
-
-def _from_json(values: dict[str, Any]) -> Any:
-    match values:
-        case {"$int": digits}:
-            return int(digits)
-        case {"$float": word}:
-            return float(word)
-    return SimpleNamespace(**values)
-
-
-@pytest.mark.parametrize("read", [read_with_mcap, read_with_rosbags, read_with_javascript])
-def test_an_independent_decoder_agrees_on_every_topic(
-    tmp_path: Path, read: Callable[[Path], dict[str, list[Any]]]
-) -> None:
-    some = one_of_each()[:-1]  # the recorder's own statistics come at the end
-    some += [make_frame(i, n_points=i % 5, n_bodies=i % 3) for i in range(2, 52)]
-    some += [make_state(i, speed_scaling=float("nan")) for i in range(2, 62)]
-    path = write_run(tmp_path / "run.mcap", some)
-    run = open_run(path)
-    theirs = read(path)
-    assert {topic: len(found) for topic, found in theirs.items()} == run.topics
-    assert set(run.topics) == {ROBOT, POINTS, FRAME, BODIES, CYCLE, CLOCK, STATE, LOG, STATS}
-    for topic, found in theirs.items():
-        _assert_agrees(run[topic], found, topic)
-
-
-def _assert_agrees(columns: Columns, found: list[Any], topic: str) -> None:
-    assert columns.log_time_ns.tolist() == [message.log_time for message, _ in found]
-    if hasattr(found[0][0], "sequence"):
-        assert columns.publish_time_ns.tolist() == [message.publish_time for message, _ in found]
-        assert (columns.sequence & 0xFFFFFFFF).tolist() == [message.sequence for message, _ in found]
-    if topic == POINTS:
-        _assert_same_points(columns, [decoded for _, decoded in found])
-        return
-    names = {"severity": "level", "text": "msg"} if topic == LOG else {}
-    compared = 0
-    for name, column in columns.items():
-        field = names.get(name, name)
-        if hasattr(found[0][1], field) and name != "sequence":
-            theirs = np.array([getattr(decoded, field) for _, decoded in found], column.dtype)
-            assert theirs.tobytes() == column.tobytes() or (theirs == column).all(), name
-            compared += 1
-    assert compared >= 3
-
-
-def _assert_same_points(columns: Columns, clouds: list[Any]) -> None:
-    assert [cloud.width for cloud in clouds] == np.diff(columns.offsets).tolist()
-    assert {cloud.header.frame_id for cloud in clouds} == {"lab"}
-    kinds = {6: "<u4", 7: "<f4"}
-    dtype = np.dtype(
-        {
-            "names": [field.name for field in clouds[0].fields],
-            "formats": [kinds[field.datatype] for field in clouds[0].fields],
-            "offsets": [field.offset for field in clouds[0].fields],
-            "itemsize": clouds[0].point_step,
-        }
-    )
-    points = np.frombuffer(b"".join(bytes(cloud.data) for cloud in clouds), dtype)
-    assert np.stack([points["x"], points["y"], points["z"]], axis=1).tobytes() == columns.points_m.tobytes()
-    assert points["residual"].tobytes() == columns.residual_m.tobytes()
-    assert points["id"].tobytes() == columns.ids.tobytes()
-    assert points["flags"].tobytes() == columns.flags.tobytes()
-    stamps = [cloud.header.stamp.sec * 10**9 + cloud.header.stamp.nanosec for cloud in clouds]
-    assert stamps == columns.capture_ns.tolist()
-    assert stamps[0] > T0_NS

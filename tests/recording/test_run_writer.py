@@ -165,17 +165,22 @@ def test_what_does_not_fit_the_queue_is_dropped_and_counted(tmp_path: Path, monk
             writer.put(make_frame(i, n_points=2, n_bodies=3))
         assert writer.queue_length == 10
         writer.note_missed(ROBOT, 4)
+        waiting = writer.stats
+        assert (waiting[ROBOT].received, waiting[ROBOT].enqueued, waiting[ROBOT].written) == (8, 8, 0)
+        assert (waiting[BODIES].received, waiting[BODIES].enqueued, waiting[BODIES].dropped) == (15, 6, 9)
         disk.released.set()
         run = open_run(writer.close(exit_status="success", reason=""))
     totals = run.totals
     assert (totals[ROBOT].received, totals[ROBOT].written, totals[ROBOT].missed) == (8, 8, 4)
     assert (totals[POINTS].received, totals[POINTS].written, totals[POINTS].dropped) == (5, 2, 3)
     assert (totals[BODIES].received, totals[BODIES].written, totals[BODIES].dropped) == (15, 6, 9)
+    assert (totals[ROBOT].enqueued, totals[POINTS].enqueued, totals[BODIES].enqueued) == (8, 2, 6)
     assert all(total.received == total.written + total.dropped for total in totals.values())
     assert {topic: total.written for topic, total in totals.items() if total.written} == run.topics
     assert totals[ROBOT].queue_high_water == 10
     last = {topic: i for i, topic in enumerate(run[STATS].topic)}
     assert run[STATS].dropped[last[FRAME]] == 3
+    assert run[STATS].enqueued[last[FRAME]] == 2
 
 
 def test_a_slow_disk_loses_nothing_and_never_holds_up_the_devices(
@@ -207,8 +212,9 @@ def test_a_long_queue_does_not_put_off_the_sync(tmp_path: Path, monkeypatch: pyt
         writer.put(make_state(i))
     disk.released.set()
     stats = open_run(writer.close(exit_status="success", reason=""))[STATS]
-    between = {n for n in stats.received[stats.topic == ROBOT].tolist() if 0 < n < 5000}
-    assert len(between) >= 4
+    of_robot = stats.topic == ROBOT
+    assert len({n for n in stats.written[of_robot].tolist() if 0 < n < 5000}) >= 4
+    assert set(stats.enqueued[of_robot].tolist()) <= {0, 5000}
 
 
 def test_records_of_a_file_wait_where_the_queue_is_full(tmp_path: Path) -> None:
@@ -262,7 +268,7 @@ def test_a_full_disk_stops_the_recording_once_and_says_so(tmp_path: Path, monkey
             writer.close(exit_status="success", reason="")
     assert told == [(writer.failure, "recorder")]
     stats = writer.stats[ROBOT]
-    assert (stats.received, stats.written, stats.dropped) == (3, 1, 2)
+    assert (stats.received, stats.enqueued, stats.written, stats.dropped) == (3, 2, 1, 2)
     run = open_run(tmp_path / "run.mcap.active")
     assert not run.status.complete
     assert run.exit_status == "unfinished"

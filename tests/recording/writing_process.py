@@ -1,11 +1,12 @@
 """A process that records as a run does, and says in shared memory what it has put: the child that tests kill.
 
-Alone it is a sweep: ``python tests/recording/writing_process.py 50`` kills fifty and prints what was lost; with a
-second number, on a disk whose every sync takes so many seconds.
+Alone it is a sweep: ``python tests/recording/writing_process.py 50`` kills fifty and prints as JSON what was lost; with
+a second number, on a disk whose every sync takes so many seconds.
 """
 
 from __future__ import annotations
 
+import json
 import mmap
 import os
 import random
@@ -24,7 +25,7 @@ from pathlib import Path
 
 from recording_examples import make_frame, make_state, open_writer
 
-from bench.recording import FRAME, ROBOT, open_run
+from bench.recording import FRAME, POINTS, ROBOT, open_run
 from bench.timing import RunClock
 
 STATES_PER_S = 500
@@ -46,6 +47,11 @@ class Loss:
     """From the last state in the file to the last that was put."""
     late_s: float
     """The longest that the machine kept the process from its turn: no promise of a recorder's covers that."""
+
+    @property
+    def is_whole_before_its_end(self) -> bool:
+        """Every record before the last that was kept is there, once."""
+        return all(kept == list(range(len(kept))) for kept in (self.kept_states, self.kept_frames))
 
 
 def record_until_killed(path: Path, shared: Path, sync_takes_s: float) -> None:
@@ -104,6 +110,7 @@ def read_slots(shared: Path) -> tuple[int, int, int, int]:
 def measure_loss(path: Path, shared: Path) -> Loss:
     """Compare what was put with what the unfinished file `path` holds."""
     run = open_run(path)
+    run.load([ROBOT, POINTS])  # fails where a frame is without its points
     number, arrival_ns, frame, late_ns = read_slots(shared)
     last = int(run[ROBOT].arrival_ns[-1]) if len(run[ROBOT].arrival_ns) else arrival_ns - 10**12
     frames = (run[FRAME].frame_number - 1000).tolist()
@@ -125,8 +132,16 @@ def sweep(n: int, sync_takes_s: float) -> None:
     losses = []
     for _ in range(n):
         with tempfile.TemporaryDirectory() as folder:
-            losses.append(kill_after(Path(folder), random.uniform(1.0, 3.0), sync_takes_s).lost_s)
-    sys.stdout.write(f"{n} killed: lost at most {max(losses):.3f} s, in the median {statistics.median(losses):.3f} s\n")
+            losses.append(kill_after(Path(folder), random.uniform(1.0, 3.0), sync_takes_s))
+    lost_s = [loss.lost_s for loss in losses]
+    figures = {
+        "killed": n,
+        "lost_at_most_s": round(max(lost_s), 3),
+        "lost_in_the_median_s": round(statistics.median(lost_s), 3),
+        "late_at_most_s": round(max(loss.late_s for loss in losses), 3),
+        "files_with_gaps": sum(not loss.is_whole_before_its_end for loss in losses),
+    }
+    sys.stdout.write(json.dumps(figures) + "\n")
 
 
 if __name__ == "__main__":

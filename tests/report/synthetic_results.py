@@ -55,6 +55,8 @@ def make_frames(n_cycles: int, per_cycle: int, rng: np.random.Generator) -> Fram
         source=np.tile(np.arange(10, dtype=np.int16), (n, 1)),
         position_m=np.zeros((n, 10, 3), dtype=np.float32),
         confidence=np.ones(n, dtype=np.float32),
+        marker_confidence=np.ones((n, 10), dtype=np.float32),
+        reason=np.zeros((n, 10), dtype=np.uint8),
         curvature_per_m=curvature.astype(np.float32),
         sigma_per_m=np.full((n, GRID_M.size), 0.15, dtype=np.float32),
     )

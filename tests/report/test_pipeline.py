@@ -7,7 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from run_examples import ARC_LENGTH_M, BODY_ANCHOR, BODY_M, CYCLE_S, START_S, T0_NS, RunSpec, radius_at, write_run
+from run_examples import (
+    ARC_LENGTH_M,
+    BODY_ANCHOR,
+    BODY_M,
+    CYCLE_S,
+    START_S,
+    T0_NS,
+    WAIT_S,
+    RunSpec,
+    radius_at,
+    write_run,
+)
 
 from bench.config import parse_config
 from bench.errors import AnalysisError
@@ -46,7 +57,7 @@ def test_a_good_run_passes_with_every_cycle_ok(good: tuple[Results, np.ndarray])
 def test_every_marker_of_a_good_run_is_named_rightly(good: tuple[Results, np.ndarray]) -> None:
     results, truth = good
     assert np.array_equal(results.frames.source, truth)
-    assert np.all(results.frames.confidence == 1.0)
+    assert np.all(results.frames.confidence > 0.999)
     assert np.all(results.cycles.complete_fraction == 1.0)
     assert "(0.0000, 0.0000, 0.0000)".replace("-", "") in results.run_facts["Anchor"].replace("-", "")
 
@@ -71,15 +82,15 @@ def test_the_curvature_is_the_cables(good: tuple[Results, np.ndarray]) -> None:
     assert frames.curvature_per_m[inside, middle] == pytest.approx(expected, rel=0.06)
     # the paper's spline errs at its ends: by 18 % in curvature with 8 markers in a full turn, as here when bent most
     assert results.cycles.min_bend_radius_mm == pytest.approx([150.0] * 4, rel=0.2)
-    row = int(results.bend_map_per_m.max(axis=1).argmax())
+    row = int(np.nanmax(results.bend_map_per_m, axis=1).argmax())
     assert results.phase_grid[row] == pytest.approx(0.5, abs=0.06)
     assert results.bend_map_per_m.shape == (40, 100)  # two of the 80 frames of a cycle in each bin
-    assert np.isfinite(results.bend_map_per_m).all()
+    assert np.isfinite(results.bend_map_per_m[:, results.arc_length_m >= ARC_LENGTH_M[0]]).all()
     assert results.example is not None
     assert results.example.cycle_phase == pytest.approx(0.5, abs=0.07)
     assert results.example.cycle_index == 2
     assert len(results.example.points_m) == len(ARC_LENGTH_M) + 2
-    assert np.isfinite(results.example.curve_m).all()
+    assert np.isfinite(results.example.curve_m[results.arc_length_m >= ARC_LENGTH_M[0]]).all()
 
 
 def test_a_point_that_stands_still_is_left_out_and_said(good: tuple[Results, np.ndarray]) -> None:
@@ -103,8 +114,8 @@ def test_streams_clocks_and_methods_are_stated(good: tuple[Results, np.ndarray])
     assert [(clock.device, clock.method) for clock in results.clocks] == [("robot", "lower hull"), ("tracker", "echo")]
     assert results.clocks[0].offset_s == pytest.approx(T0_NS * 1e-9 - 50.0, abs=1e-3)
     assert results.methods == {
-        "sorting": "paper",
-        "curvature": "spline",
+        "sorting": "track",
+        "curvature": "menger_gp",
         "cycles": "robot's counter, phase by the robot's register",
     }
     assert len(results.config_sha256) == 64
@@ -175,8 +186,14 @@ def test_a_recording_without_frames_is_an_error_and_no_crash(tmp_path: Path, rob
     assert len(results.cycles.cycle_index) == (3 if robot else 0)
 
 
-def test_a_take_without_a_robot_is_one_cycle_and_can_pass(tmp_path: Path) -> None:
-    spec = RunSpec(robot=False, exit_status="import", echoes=False, extra={"bench.import": {"warnings": '["A note."]'}})
+def test_a_take_without_a_robot_is_one_cycle_where_so_configured_and_can_pass(tmp_path: Path) -> None:
+    spec = RunSpec(
+        robot=False,
+        analysis='cycles = "whole"',
+        exit_status="import",
+        echoes=False,
+        extra={"bench.import": {"warnings": '["A note."]'}},
+    )
     results, truth = analyse(tmp_path, spec)
     assert results.outcome is Outcome.PASS
     assert results.exit_status == "import"
@@ -186,6 +203,18 @@ def test_a_take_without_a_robot_is_one_cycle_and_can_pass(tmp_path: Path) -> Non
     assert results.warnings == ["A note."]
     assert np.array_equal(results.frames.source, truth)
     assert [clock.method for clock in results.clocks] == ["as recorded"]
+
+
+def test_a_take_without_a_robot_has_the_cycles_of_its_motion_and_can_pass(tmp_path: Path) -> None:
+    """The example drives three cycles, each with its wait, and the beginning of a fourth."""
+    results, _ = analyse(tmp_path, RunSpec(robot=False, exit_status="import", echoes=False))
+    assert results.methods["cycles"] == "motion that repeats, phase by time"
+    assert results.cycles.verdict[:3] == ["ok"] * 3
+    assert results.cycles.duration_s[:2] == pytest.approx([CYCLE_S + WAIT_S] * 2, abs=0.03)
+    begun_s = (results.cycles.start_ns[:3] - T0_NS) * 1e-9
+    assert begun_s == pytest.approx(START_S + (CYCLE_S + WAIT_S) * np.arange(3), abs=0.08)
+    assert results.cycles.verdict[3:] == ["interrupted"]
+    assert results.outcome is Outcome.PASS
 
 
 @pytest.mark.parametrize("device", [POLE, OFFSETS], ids=["by labels", "by pose"])
@@ -207,13 +236,14 @@ def test_unlabeled_points_of_a_rigid_body_are_found_by_its_pose(tmp_path: Path) 
     assert np.array_equal(results.frames.source, truth)
 
 
-def test_frames_in_which_the_body_is_not_tracked_stay_unsorted_and_are_counted(tmp_path: Path) -> None:
+def test_frames_in_which_the_body_is_not_tracked_are_counted_and_sorted_by_those_around(tmp_path: Path) -> None:
     def lose_body(i: int, values: dict[str, Any]) -> dict[str, Any]:
         lost = tuple(replace(body, tracking_valid=False) for body in values["bodies"])
         return values | ({"bodies": lost} if i in (120, 121) else {})
 
-    results, _ = analyse(tmp_path, RunSpec(anchor=BODY_ANCHOR, devices=[OFFSETS], change_points=lose_body))
-    assert np.all(results.frames.source[[120, 121]] == -1)
+    spec = RunSpec(anchor=BODY_ANCHOR, devices=[OFFSETS], change_points=lose_body)
+    results, truth = analyse(tmp_path, spec)
+    assert np.array_equal(results.frames.source[[120, 121]], truth[[120, 121]])
     assert any("was not tracked in 2 of" in warning for warning in results.warnings)
 
 
@@ -231,16 +261,15 @@ def test_a_configured_anchor_and_a_configured_end_are_no_markers_of_the_cable(tm
     assert "configured, seen in 100%" in results.run_facts["Anchor"]
 
 
-def test_a_bend_tighter_than_the_cable_is_thick_does_not_enter_the_figures(tmp_path: Path) -> None:
+def test_a_frame_that_folds_back_does_not_enter_the_figures(tmp_path: Path) -> None:
     x = [0, 0.06, 0.18, 0.07, 0.19, 0.08, 0.2]
     zigzag = np.array([[along, 0.001 * i**2, 0] for i, along in enumerate(x)], dtype=np.float32)
 
     def fold(i: int, values: dict[str, Any]) -> dict[str, Any]:
         return values | ({"points_m": zigzag} if i == 160 else {})
 
-    results, _ = analyse(tmp_path, RunSpec(change_points=fold))
+    results, _ = analyse(tmp_path, RunSpec(analysis='sorting = "paper"', change_points=fold))
     clean, _ = analyse(tmp_path, RunSpec(), "clean.mcap")
-    assert np.nanmax(results.frames.curvature_per_m[160]) > 250
     assert any(warning.startswith("1 of ") and "tighter than" in warning for warning in results.warnings)
     assert results.cycles.max_curvature_per_m == pytest.approx(clean.cycles.max_curvature_per_m, rel=0.02)
 
@@ -265,3 +294,21 @@ def test_another_configuration_changes_the_analysis_and_not_the_recording(tmp_pa
     assert results.frames.curvature_per_m.shape[1] == 20
     assert results.methods["cycles"] == "whole take, phase by time"
     assert results.run_path == "name.mcap"
+
+
+def test_a_take_in_millimetres_is_refused_and_bad_points_are_counted(tmp_path: Path) -> None:
+    def scale(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        return {**values, "points_m": values["points_m"] * np.float32(1000)}
+
+    with pytest.raises(AnalysisError, match=r"\d{3} times apart"):
+        analyse(tmp_path, RunSpec(n_cycles=1, change_points=scale))
+
+    def spoil(index: int, values: dict[str, Any]) -> dict[str, Any]:
+        if index == 40:
+            values["points_m"][0] = np.nan
+        return values
+
+    (tmp_path / "b").mkdir()
+    results, _ = analyse(tmp_path / "b", RunSpec(n_cycles=4, change_points=spoil))
+    assert any(text.startswith("1 points in 1 frames have no finite place") for text in results.warnings)
+    assert (results.frames.source >= 0).all(axis=1).sum() >= len(results.frames.time_ns) - 1

@@ -36,6 +36,7 @@ def test_the_columns_have_the_promised_types(results: Results, tmp_path: Path) -
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(TABLE_FILES)
     keys = {"frame_number": "int64", "time_ns": "int64", "cycle_index": "int64", "cycle_phase": "double"}
     markers = {"source": pa.list_(pa.int16(), 6), "position_m": pa.list_(pa.float32(), 18), "confidence": pa.float32()}
+    markers |= {"marker_confidence": pa.list_(pa.float32(), 6), "reason": pa.list_(pa.uint8(), 6)}
     curvature = {"curvature_per_m": pa.list_(pa.float32(), 100), "sigma_per_m": pa.list_(pa.float32(), 100)}
     for name, own in (("markers", markers), ("curvature", curvature)):
         schema = pq.read_schema(tmp_path / "out" / f"{name}.parquet")

@@ -5,30 +5,53 @@ Frames come as one flat list of points with offsets: the points of frame f are `
 
 from bench.analysis.alignment import AlignedClock, SegmentClock, align_by_arrival, align_by_echo
 from bench.analysis.anchors import StaticMarker, exclude_near, find_static_marker, locate_static_marker, spread_frames
-from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, map_by_phase, summarise_cycles
-from bench.analysis.beyond_gaps import follow_beyond_gaps
+from bench.analysis.bends import TRUSTED_CONFIDENCE, CycleBends, find_tighter, summarise_cycles
+from bench.analysis.best_curve import estimate_best
 from bench.analysis.bodies import BodyMatch, bridge_poses, centre_of_labeled, match_body
-from bench.analysis.both_ends import fill_from_end
 from bench.analysis.chain import sort_by_chain
 from bench.analysis.chain_spacing import SpacingCalibration, calibrate_spacing
+from bench.analysis.comparison import (
+    MotionDifference,
+    align_in_space,
+    align_in_time,
+    compare_motions,
+    draw_motion,
+    median_cycle,
+    shift_motion,
+)
 from bench.analysis.curve import ClampedEnds, CurveEstimate, CurveEstimator
 from bench.analysis.cycles import CounterColumns, CycleTable, find_cycles, whole_take
+from bench.analysis.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
+from bench.analysis.drift_shape import CycleShapes, ShapeDistances, gather_shapes, measure_distances
+from bench.analysis.elastica import fit_elastica
 from bench.analysis.ends import CableEnd, ClampDirection, estimate_clamp_direction, place_end
+from bench.analysis.error_study import Condition, ErrorFigures, make_ends, make_frames, measure_errors
 from bench.analysis.estimators import ESTIMATORS, get_estimator
+from bench.analysis.folds import find_folds
 from bench.analysis.following import follow_marker
 from bench.analysis.frame_rate import fastest_speed, judge_frame_rate
 from bench.analysis.free_chain import is_symmetric
 from bench.analysis.gaps import Gaps, find_gaps
 from bench.analysis.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.hand_eye import FlangeSightings, HandEye, fit_hand_eye
+from bench.analysis.invariants import take_broken_away
 from bench.analysis.isolated import find_isolated_bends
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
+from bench.analysis.menger import fit_menger_gp
 from bench.analysis.motion_offset import MotionOffset, estimate_motion_offset
 from bench.analysis.paper import sort_by_paper
+from bench.analysis.periodicity import find_repeated_cycles
 from bench.analysis.phase import phase_from_register, phase_from_time
+from bench.analysis.phase_mean import LargestBend, PhaseMean, average_by_phase, find_largest_bend, map_by_phase
+from bench.analysis.phase_path import Travel, measure_travel, phase_from_path
+from bench.analysis.phase_sorting import sort_by_phase
+from bench.analysis.point_checks import PointChecks, check_points
+from bench.analysis.radius import BendRadius, bend_radius
 from bench.analysis.reflections import Reflections, find_reflections
 from bench.analysis.rigid import RigidFit, RigidTransform, fit_rigid
-from bench.analysis.sorting import SORTERS, Sorter, get_sorter
+from bench.analysis.shape_fit import ShapeFit, average_frames, fit_shape, fit_size, verify_on_shape
+from bench.analysis.shapes import Catenary, Circle, KnownShape, SampledShape, Straight
+from bench.analysis.sorting import SORTERS, Sorter, get_sorter, sort_automatically
 from bench.analysis.sources import (
     CycleFollower,
     CycleSource,
@@ -43,33 +66,47 @@ from bench.analysis.starts import refine_starts
 from bench.analysis.sync_pulses import PulseOffset, SwitchTimes, estimate_pulse_offset, see_lamp
 from bench.analysis.track_sorting import sort_by_track
 from bench.analysis.tracks import PoseTrack
+from bench.analysis.twist_free import resolve_curvature
 from bench.analysis.verdicts import CycleVerdicts, judge_cycles
 from bench.analysis.visibility import HiddenStretch, find_hidden_stretches
 
 __all__ = [
     "ESTIMATORS",
+    "FEWEST_VALUES",
     "SORTERS",
     "TRUSTED_CONFIDENCE",
     "AlignedClock",
+    "BendRadius",
     "BodyMatch",
     "CableEnd",
+    "Catenary",
+    "Circle",
     "ClampDirection",
     "ClampedEnds",
+    "Condition",
     "CounterColumns",
     "CurveEstimate",
     "CurveEstimator",
     "CycleBends",
     "CycleFollower",
+    "CycleShapes",
     "CycleSource",
     "CycleTable",
     "CycleVerdicts",
+    "ErrorFigures",
     "FlangeSightings",
     "Gaps",
     "HandEye",
     "HiddenStretch",
+    "KnownShape",
+    "LargestBend",
+    "LevelChange",
     "MarkerPlaces",
     "MarkerReason",
+    "MotionDifference",
     "MotionOffset",
+    "PhaseMean",
+    "PointChecks",
     "PointFrames",
     "PoseTrack",
     "PulseOffset",
@@ -77,40 +114,62 @@ __all__ = [
     "RigidFit",
     "RigidTransform",
     "RobotSigns",
+    "SampledShape",
     "SegmentClock",
+    "SeriesDrift",
+    "ShapeDistances",
+    "ShapeFit",
     "SortSettings",
     "SortedMarkers",
     "Sorter",
     "SpacingCalibration",
     "SpacingGates",
     "StaticMarker",
+    "Straight",
     "SwitchTimes",
+    "Travel",
     "align_by_arrival",
     "align_by_echo",
+    "align_in_space",
+    "align_in_time",
+    "average_by_phase",
+    "average_frames",
+    "bend_radius",
     "bridge_poses",
     "calibrate_spacing",
     "centre_of_labeled",
+    "check_points",
+    "compare_motions",
     "count_cycles",
+    "describe_drift",
     "describe_source",
+    "draw_motion",
+    "estimate_best",
     "estimate_clamp_direction",
     "estimate_motion_offset",
     "estimate_pulse_offset",
     "exclude_near",
     "fastest_speed",
-    "fill_from_end",
     "find_cycles",
+    "find_folds",
     "find_gaps",
     "find_hidden_stretches",
     "find_isolated_bends",
+    "find_largest_bend",
     "find_reflections",
+    "find_repeated_cycles",
     "find_static_marker",
     "find_tighter",
+    "fit_elastica",
     "fit_hand_eye",
+    "fit_menger_gp",
     "fit_rigid",
+    "fit_shape",
+    "fit_size",
     "fit_spline",
-    "follow_beyond_gaps",
     "follow_marker",
     "gather_positions",
+    "gather_shapes",
     "get_estimator",
     "get_sorter",
     "interpolate_curve",
@@ -119,19 +178,32 @@ __all__ = [
     "judge_frame_rate",
     "locate_static_marker",
     "make_cycle_source",
+    "make_ends",
+    "make_frames",
     "make_gates",
     "map_by_phase",
     "match_body",
+    "measure_distances",
+    "measure_errors",
     "measure_marker_places",
+    "measure_travel",
+    "median_cycle",
+    "phase_from_path",
     "phase_from_register",
     "phase_from_time",
     "place_end",
     "refine_starts",
+    "resolve_curvature",
     "see_lamp",
+    "shift_motion",
+    "sort_automatically",
     "sort_by_chain",
     "sort_by_paper",
+    "sort_by_phase",
     "sort_by_track",
     "spread_frames",
     "summarise_cycles",
+    "take_broken_away",
+    "verify_on_shape",
     "whole_take",
 ]

@@ -7,7 +7,17 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Bools", "Floats", "Floats32", "Indices", "Ints", "chunks", "frame_of_points", "pad_points"]
+__all__ = [
+    "Bools",
+    "Floats",
+    "Floats32",
+    "Indices",
+    "Ints",
+    "chunks",
+    "frame_of_points",
+    "median_of_rows",
+    "pad_points",
+]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -47,7 +57,8 @@ def pad_points(points_m: Floats32, offsets: Ints, usable: Bools, frames: Ints) -
     Returns
     -------
     position_m : (C, n, 3)
-        NaN beyond a frame's last point; n is the longest frame's number of points, at least 1.
+        NaN beyond a frame's last point, and where a point has no finite place; n is the longest frame's number of
+        points, at least 1.
     open_points : (C, n)
         True for usable points.
     """
@@ -57,6 +68,17 @@ def pad_points(points_m: Floats32, offsets: Ints, usable: Bools, frames: Ints) -
     position = np.full((*filled.shape, 3), np.nan)
     open_points = np.zeros(filled.shape, dtype=bool)
     index = (first[:, None] + slot)[filled]
-    position[filled] = points_m[index]
+    points = points_m[index]
+    position[filled] = np.where(np.isfinite(points), points, np.nan)
     open_points[filled] = usable[index]
     return position, open_points
+
+
+def median_of_rows(values: Floats | Floats32) -> Floats:
+    """Return the median (G,) over the rows (R, G), R >= 1, without their NaNs; NaN where nothing else is."""
+    ascending = np.sort(values, axis=0)  # NaNs go last
+    count = np.isfinite(ascending).sum(axis=0)
+    column = np.arange(values.shape[1])
+    low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, len(values) - 1)
+    middle = (ascending[low, column].astype(np.float64) + ascending[high, column]) / 2
+    return np.where(count > 0, middle, np.nan)

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks
+from bench.analysis.local_average import average_peaks, choose_width, estimate_noise_variance
 
-__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "find_peaks", "find_tighter", "map_by_phase", "summarise_cycles"]
+__all__ = ["TRUSTED_CONFIDENCE", "CycleBends", "find_peaks", "find_tighter", "summarise_cycles"]
 
 TRUSTED_CONFIDENCE = 0.75
 """Frames below this confidence do not enter a cycle's figures: a quarter of their markers is missing or doubtful."""
@@ -22,13 +23,15 @@ class CycleBends:
     complete_fraction: Floats
     """Part of the frames in which every marker was found."""
     max_curvature_per_m: Floats
-    """Largest curvature of any trusted frame at any place."""
+    """Largest curvature of any trusted frame, averaged with its neighbours in time, at any place."""
     max_curvature_sigma_per_m: Floats
     """Its standard deviation."""
     max_curvature_arc_length_m: Floats
     """Its place."""
     mean_curvature_per_m: Floats
     """Mean over trusted frames and the places where they have a curve."""
+    n_averaged: int
+    """Frames of which the largest curvatures are averages, at most; 1: single frames."""
 
 
 def summarise_cycles(
@@ -42,10 +45,16 @@ def summarise_cycles(
 ) -> CycleBends:
     """Gather the frames of each cycle.
 
+    The largest of many noisy values lies above the truth. So frames are averaged with their neighbours in time first,
+    as many as the noise deserves and the motion allows: chosen once for all cycles, by the least risk about their
+    maxima. Where frames are few or bends quick that is the single frame. The standard deviation is what is left of the
+    noise from frame to frame, the rest of the stated one, which no average reduces, and what the average may have taken
+    off the maximum.
+
     Parameters
     ----------
     row : (F,)
-        Each frame's cycle, 0 to C - 1, -1 outside any.
+        Each frame's cycle, 0 to C - 1, -1 outside any; frames in order of time.
     n_cycles : int
         C.
     complete, trusted : (F,)
@@ -58,18 +67,44 @@ def summarise_cycles(
     inside = row >= 0
     n_frames = np.bincount(row[inside], minlength=n_cycles)
     n_complete = np.bincount(row[inside & complete], minlength=n_cycles)
-    peak, place = find_peaks(curvature_per_m)
     total, count = _sum_frames(curvature_per_m)
-    used = np.flatnonzero(inside & trusted & (count > 0))
+    used = inside & trusted & (count > 0)
     sums = np.bincount(row[used], total[used], minlength=n_cycles)
     counts = np.bincount(row[used], count[used], minlength=n_cycles)
-    top = _largest_by_cycle(row[used], peak[used], n_cycles)
-    has = top >= 0
-    frame = used[top[has]]
+    largest = _find_largest(row, n_cycles, used, curvature_per_m, sigma_per_m)
     columns = np.full((3, n_cycles), np.nan)
-    columns[:, has] = peak[frame], sigma_per_m[frame, place[frame]], arc_length_m[place[frame]]
+    columns[:, largest.cycle] = largest.curvature_per_m, largest.sigma_per_m, arc_length_m[largest.place]
     with np.errstate(invalid="ignore"):
-        return CycleBends(n_frames, n_complete / n_frames, columns[0], columns[1], columns[2], sums / counts)
+        return CycleBends(
+            n_frames, n_complete / n_frames, columns[0], columns[1], columns[2], sums / counts, largest.n_averaged
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Largest:
+    """The largest bends of the M cycles that have one."""
+
+    cycle: Ints
+    place: Ints
+    curvature_per_m: Floats
+    sigma_per_m: Floats
+    n_averaged: int
+
+
+def _find_largest(row: Ints, n_cycles: int, used: Bools, curvature_per_m: Floats32, sigma_per_m: Floats32) -> _Largest:
+    peak, place = find_peaks(curvature_per_m)
+    cycle, frame = _largest_by_cycle(row, np.where(used, peak, np.nan), n_cycles)
+    own = sigma_per_m[frame, place[frame]].astype(np.float64)
+    variance = estimate_noise_variance(curvature_per_m, sigma_per_m, row, used)
+    average = choose_width(curvature_per_m, variance, row, used, frame, place[frame])
+    if average.half_width == 0:
+        return _Largest(cycle, place[frame], peak[frame], own, 1)
+    peak, place, n_averaged = average_peaks(curvature_per_m, row, used, average.half_width)
+    cycle, frame = _largest_by_cycle(row, peak, n_cycles)
+    own = sigma_per_m[frame, place[frame]].astype(np.float64)
+    noise = np.minimum(np.nan_to_num(variance[place[frame]]), own**2)
+    left = own**2 - noise + noise / n_averaged[frame] + average.bias_per_m**2
+    return _Largest(cycle, place[frame], peak[frame], np.sqrt(left), 2 * average.half_width + 1)
 
 
 def find_peaks(curvature_per_m: Floats32) -> tuple[Floats, Ints]:
@@ -91,20 +126,6 @@ def find_tighter(curvature_per_m: Floats32, limit_per_m: float) -> Bools:
     return tighter
 
 
-def map_by_phase(curvature_per_m: Floats32, phase: Floats, trusted: Bools, n_bins: int) -> Floats:
-    """Return the median curvature (P, G) of all trusted frames in each of P equal phase bins, NaN where none is."""
-    bins = np.full(len(phase), -1)
-    known = trusted & np.isfinite(phase)
-    bins[known] = np.minimum((phase[known] * n_bins).astype(np.int64), n_bins - 1)
-    order = np.argsort(bins, kind="stable")
-    bounds = np.searchsorted(bins[order], np.arange(n_bins + 1))
-    result = np.full((n_bins, curvature_per_m.shape[1]), np.nan)
-    for i in range(n_bins):
-        if bounds[i + 1] > bounds[i]:
-            result[i] = _median_of_rows(curvature_per_m[order[bounds[i] : bounds[i + 1]]])
-    return result
-
-
 def _sum_frames(curvature_per_m: Floats32) -> tuple[Floats, Ints]:
     """Return the sum and the number of each frame's samples."""
     n_frames = len(curvature_per_m)
@@ -117,22 +138,10 @@ def _sum_frames(curvature_per_m: Floats32) -> tuple[Floats, Ints]:
     return total, count
 
 
-def _largest_by_cycle(row: Ints, peak: Floats, n_cycles: int) -> Ints:
-    """Return for each cycle the index of its largest peak in `peak`, -1 for a cycle without one."""
-    order = np.lexsort((peak, row))
+def _largest_by_cycle(row: Ints, peak: Floats, n_cycles: int) -> tuple[Ints, Ints]:
+    """Return the cycles that have a peak (M,) and the frame of the largest of each (M,)."""
+    frames = np.flatnonzero(np.isfinite(peak))
+    order = frames[np.lexsort((peak[frames], row[frames]))]
     last = np.searchsorted(row[order], np.arange(n_cycles), "right") - 1
-    index = np.full(n_cycles, -1)
-    if len(order):
-        has = (last >= 0) & (row[order[last]] == np.arange(n_cycles))
-        index[has] = order[last[has]]
-    return index
-
-
-def _median_of_rows(values: Floats32) -> Floats:
-    """Return the median (G,) over the rows, without their NaNs; NaN where nothing else is."""
-    ascending = np.sort(values, axis=0)  # NaNs go last
-    count = np.isfinite(ascending).sum(axis=0)
-    column = np.arange(values.shape[1])
-    low, high = np.maximum((count - 1) // 2, 0), np.minimum(count // 2, len(values) - 1)
-    middle = (ascending[low, column].astype(np.float64) + ascending[high, column]) / 2
-    return np.where(count > 0, middle, np.nan)
+    cycle = np.flatnonzero((last >= 0) & (row[order[last]] == np.arange(n_cycles))) if len(order) else frames
+    return cycle, order[last[cycle]]

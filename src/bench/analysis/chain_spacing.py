@@ -23,6 +23,11 @@ TWO_SIGMA = 0.977
 NOISE_SPANS = 5.0
 FEWEST_MARKERS = 3
 """Fewer have no bend between them."""
+GOOD_FIT = 0.8
+"""A chain that explains less of what is seen, without doubt, may have its markers further off than the tolerance."""
+WIDER = 4.0
+WIDEST_SHARE = 0.15
+"""Of the spacing, for the second try."""
 POOR_FIT = 0.5
 """A chain that explains less of what is seen, without doubt, is another cable's."""
 POOR_FIT_NOTE = (
@@ -56,7 +61,7 @@ def calibrate_spacing(frames: PointFrames, settings: SortSettings) -> SpacingCal
 
     Only markers without doubt are measured. The tolerance and the stretch are narrowed from what was configured to what
     the chords show: half each of the variance by which they exceed the measured spacings. The far end's place is kept
-    as configured.
+    as configured. Where the sample does not fit, it is tried again with four times the tolerance.
 
     Parameters
     ----------
@@ -64,29 +69,52 @@ def calibrate_spacing(frames: PointFrames, settings: SortSettings) -> SpacingCal
     settings : SortSettings
         As configured; the search must find its way with them.
     """
-    prior = ChainPrior.guess(settings)
     tells_ends = frames.anchor_m is not None or frames.end_m is not None or not is_alike_from_both_ends(settings)
     if settings.n_markers < FEWEST_MARKERS or not tells_ends:
-        return SpacingCalibration(settings, prior)
+        return SpacingCalibration(settings, ChainPrior.guess(settings))
     sample = spread_sample(frames)
-    prior = learn_prior(sample, settings, *search(sample, settings, prior))
+    tried = _try(sample, settings)
+    if tried.places is None or tried.fit < GOOD_FIT:
+        wide = _try(sample, _widen(settings))
+        tried = wide if wide.places is not None and wide.fit > tried.fit else tried
+    if tried.fit < POOR_FIT:
+        return SpacingCalibration(settings, tried.prior, notes=[POOR_FIT_NOTE.format(len(sample), tried.fit)])
+    notes = [MANY_LEFT_NOTE.format(tried.left * settings.n_markers)] if tried.left >= MANY_LEFT else []
+    if tried.places is None:
+        return SpacingCalibration(settings, tried.prior, notes=notes)
+    excess_m = _find_excess(tried.prior, tried.places, is_anchored=frames.anchor_m is not None)
+    narrowed = _narrow(settings, tried.places, excess_m)
+    return SpacingCalibration(narrowed, tried.prior, tried.places, [*notes, *_compare(settings, tried.places)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """A sample sorted by some settings."""
+
+    prior: ChainPrior
+    places: MarkerPlaces | None
+    fit: float
+    left: float
+
+
+def _try(sample: PointFrames, settings: SortSettings) -> _Trial:
+    prior = learn_prior(sample, settings, *search(sample, settings, ChainPrior.guess(settings)))
     source, margin = search(sample, settings, prior)
     fit, left = _count_fit(sample, source, (source >= 0) & (margin >= DOUBT_NATS))
-    if fit < POOR_FIT:
-        return SpacingCalibration(settings, prior, notes=[POOR_FIT_NOTE.format(len(sample), fit)])
-    notes = [MANY_LEFT_NOTE.format(left * settings.n_markers)] if left >= MANY_LEFT else []
     prior = learn_prior(sample, settings, source, margin)
-    try:
-        places = _measure(sample, settings, prior)
-    except AnalysisError:
-        return SpacingCalibration(settings, prior, notes=notes)
-    narrowed = _narrow(settings, places, _find_excess(prior, places, is_anchored=frames.anchor_m is not None))
-    return SpacingCalibration(narrowed, prior, places, [*notes, *_compare(settings, places)])
-
-
-def _measure(sample: PointFrames, settings: SortSettings, prior: ChainPrior) -> MarkerPlaces:
     every, marker_m = np.ones(len(sample), dtype=bool), prior.nodes_m[:, 1:-1].astype(np.float32)
-    return measure_marker_places(marker_m, every, sample.anchor_m, settings.arc_length_m[0])
+    try:
+        places = measure_marker_places(marker_m, every, sample.anchor_m, settings.arc_length_m[0])
+    except AnalysisError:
+        places = None
+    return _Trial(prior, places, fit, left)
+
+
+def _widen(settings: SortSettings) -> SortSettings:
+    """Return the settings for a cable whose markers sit further from their places than its maker thinks."""
+    spacing = float(np.median(np.diff(settings.arc_length_m)))
+    wide_m = min(WIDER * settings.tolerance_m, WIDEST_SHARE * spacing)
+    return replace(settings, tolerance_m=max(wide_m, settings.tolerance_m))
 
 
 def spread_sample(frames: PointFrames) -> PointFrames:

@@ -31,7 +31,9 @@ class CurveEstimate:
     method: str = ""
     """Name of the method that was used."""
     notes: list[str] = field(default_factory=list)
-    """Sentences that the reader must know: why this method, what was fitted, what is doubtful."""
+    """Sentences on how it was done: why this method, what was fitted."""
+    warnings: list[str] = field(default_factory=list)
+    """Sentences on what is doubtful."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,8 @@ class ClampedEnds:
     """At `length_m`; its tangent points from the clamp into the free cable, against the arc length."""
     length_m: float
     """Arc length of the end from the anchor."""
+    up: tuple[float, float, float] = (0.0, 1.0, 0.0)
+    """Against gravity, a unit vector in the lab frame; y is the trackers' default."""
 
 
 class CurveEstimator(Protocol):

@@ -5,27 +5,32 @@ from __future__ import annotations
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from bench.analysis.best_curve import estimate_best
 from bench.analysis.curve import CurveEstimator
+from bench.analysis.elastica import fit_elastica
+from bench.analysis.menger import fit_menger_gp
 from bench.analysis.spline import fit_spline
 from bench.errors import AnalysisError
 
 __all__ = ["ESTIMATORS", "get_estimator"]
 
-ESTIMATORS: Mapping[str, CurveEstimator] = MappingProxyType({"spline": fit_spline})
+ESTIMATORS: Mapping[str, CurveEstimator] = MappingProxyType(
+    {"elastica": fit_elastica, "menger_gp": fit_menger_gp, "spline": fit_spline}
+)
 """Estimators by the names of `[analysis] curvature`."""
-RECOMMENDED = "spline"
 
 
 def get_estimator(name: str) -> CurveEstimator:
-    """Return the estimator of that name; 'auto' is the recommended one.
+    """Return the estimator of that name; 'auto' is `estimate_best`, which chooses for each place.
 
     Raises
     ------
     AnalysisError
         There is no estimator of that name.
     """
-    chosen = RECOMMENDED if name == "auto" else name
-    if chosen not in ESTIMATORS:
+    if name == "auto":
+        return estimate_best
+    if name not in ESTIMATORS:
         known = ", ".join(ESTIMATORS)
         raise AnalysisError(f"There is no curvature method '{name}'.", hint=f"Choose one of: auto, {known}.")
-    return ESTIMATORS[chosen]
+    return ESTIMATORS[name]

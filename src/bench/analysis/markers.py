@@ -106,7 +106,9 @@ class SortedMarkers:
     method: str = ""
     """Name of the method that was used."""
     notes: list[str] = field(default_factory=list)
-    """Sentences that the reader must know: why this method, what was learnt, what is doubtful."""
+    """Sentences on how it was done: why this method, what was learnt."""
+    warnings: list[str] = field(default_factory=list)
+    """Sentences on what is doubtful."""
 
     @classmethod
     def from_source(
@@ -117,6 +119,7 @@ class SortedMarkers:
         reason: npt.NDArray[np.uint8],
         method: str,
         notes: list[str] | None = None,
+        warnings: list[str] | None = None,
     ) -> SortedMarkers:
         """Return the markers whose points `source` (F, k) names."""
         return cls(
@@ -127,6 +130,7 @@ class SortedMarkers:
             reason,
             method,
             notes or [],
+            warnings or [],
         )
 
 

@@ -11,7 +11,7 @@ from bench.analysis.gates import SortSettings, make_gates
 from bench.analysis.greedy import follow_chain
 from bench.analysis.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 
-__all__ = ["AMBIGUOUS_CONFIDENCE", "sort_by_paper"]
+__all__ = ["sort_by_paper"]
 
 AMBIGUOUS_CONFIDENCE = 0.5
 """Of two candidates in the gate, one is right."""

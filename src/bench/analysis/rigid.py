@@ -17,6 +17,7 @@ __all__ = [
     "estimate_sigma",
     "fit_rigid",
     "invert_information",
+    "kabsch",
     "lever",
     "verify_told",
 ]
@@ -124,12 +125,12 @@ def align_points(source_m: Floats, target_m: Floats, weight: Floats) -> tuple[Ri
     """Return the transform of `fit_rigid` for pairs (n, 3) with weights (n,), 0 for none, and the pairs used."""
     balance = weight
     for _ in range(ROUNDS):
-        transform = _kabsch(source_m, target_m, balance)
+        transform = kabsch(source_m, target_m, balance)
         distance = np.linalg.norm(transform.apply(source_m) - target_m, axis=1)
         sigma = estimate_sigma(distance[weight > 0])
         balance = weight / np.maximum(distance, sigma)
     used = (weight > 0) & (distance <= REJECT_SIGMAS * sigma)
-    return _kabsch(source_m, target_m, np.where(used, weight, 0.0)), used
+    return kabsch(source_m, target_m, np.where(used, weight, 0.0)), used
 
 
 def estimate_sigma(distance_m: Floats) -> float:
@@ -149,7 +150,8 @@ def verify_told(covariance: Floats, what: str, hint: str) -> None:
     raise AnalysisError(f"{what} cannot be told (standard deviation {sigma}, at most {limit}).", hint=hint)
 
 
-def _kabsch(source: Floats, target: Floats, weight: Floats) -> RigidTransform:
+def kabsch(source: Floats, target: Floats, weight: Floats) -> RigidTransform:
+    """Return the transform with the least weighted squares between n pairs of points (n, 3); wrong pairs count too."""
     share = weight / weight.sum()
     middle, goal = share @ source, share @ target
     u, _, vt = np.linalg.svd((source - middle).T @ ((target - goal) * share[:, None]))

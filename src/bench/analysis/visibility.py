@@ -9,7 +9,7 @@ from scipy.optimize import nnls
 from scipy.spatial import ConvexHull, QhullError
 
 from bench.analysis.arrays import Bools, Floats
-from bench.analysis.beyond_gaps import predict_position
+from bench.analysis.prediction import predict_position
 
 __all__ = ["HiddenStretch", "find_hidden_stretches"]
 

@@ -8,8 +8,10 @@ from typing import Annotated
 
 import typer
 
+from bench.cli.accuracy import accuracy
 from bench.cli.calibrate import calibrate
 from bench.cli.check import check
+from bench.cli.compare import compare
 from bench.cli.config import config_app
 from bench.cli.export import export
 from bench.cli.import_ import import_
@@ -39,6 +41,8 @@ app.command("calibrate")(calibrate)
 app.command("import")(import_)
 app.command("export")(export)
 app.command("salvage")(salvage)
+app.command("accuracy")(accuracy)
+app.command("compare")(compare)
 app.command("live")(live)
 app.command("simulate")(simulate)
 app.add_typer(config_app, name="config")

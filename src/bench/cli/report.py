@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.text_tables import verify_folder
 from bench.config import Config, load_config
-from bench.errors import BenchError, ConfigError, RecordingExistsError
+from bench.errors import BenchError, ConfigError
 from bench.model import Outcome
 
 if TYPE_CHECKING:
@@ -87,13 +88,11 @@ def name_without_suffix(run: Path) -> str:
 
 
 def _verify_free(folder: Path, *, mcap: bool) -> None:
-    if folder.exists() and not folder.is_dir():
-        raise RecordingExistsError(f"{folder} is a file, not a folder.", hint="Choose another --output.")
     from bench.report.derived import DERIVED_NAME
     from bench.report.html import REPORT_NAME
-    from bench.report.tables import TABLE_FILES, verify_folder_is_free
+    from bench.report.tables import TABLE_FILES
 
-    verify_folder_is_free(folder, (REPORT_NAME, *TABLE_FILES, *([DERIVED_NAME] if mcap else [])))
+    verify_folder(folder, (REPORT_NAME, *TABLE_FILES, *([DERIVED_NAME] if mcap else [])))
 
 
 def _report_or_say(run: Path, folder: Path, settings: Config | None, *, mcap: bool) -> int:

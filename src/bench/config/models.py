@@ -163,6 +163,11 @@ class HolderConfig(Section):
     clamp_sd_deg: float = Field(
         2.0, gt=0, le=45, description="Standard deviation of clamp_direction; 2 degrees: by a ruler."
     )
+    clamp_m: Point | None = Field(
+        None,
+        description="Where the cable leaves its clamp, in the frame of the rigid body or the TCP. Left out: at the "
+        "TCP; at the centre of gravity of the body's markers, which is beside the cable and no place on its curve.",
+    )
 
     @model_validator(mode="after")
     def _fits_its_kind(self) -> Self:
@@ -172,6 +177,8 @@ class HolderConfig(Section):
             raise ValueError(f"name belongs to kind = 'rigid_body', not to '{self.kind}'")
         if self.kind != "static_marker" and self.position_m is not None:
             raise ValueError(f"position_m belongs to kind = 'static_marker', not to '{self.kind}'")
+        if self.kind not in ("rigid_body", "tcp") and self.clamp_m is not None:
+            raise ValueError(f"clamp_m belongs to what moves (kind = 'rigid_body' or 'tcp'), not to '{self.kind}'")
         return self
 
     @model_validator(mode="after")
@@ -195,13 +202,6 @@ class EndConfig(HolderConfig):
     kind: Literal["static_marker", "rigid_body", "tcp", "none"] = Field(
         description="As for the anchor; 'tcp': from the robot's TCP pose, by the calibration."
     )
-    clamp_m: Point = Field((0.0, 0.0, 0.0), description="With kind = 'tcp': the cable's end in the TCP frame.")
-
-    @model_validator(mode="after")
-    def _clamp_is_at_the_tcp(self) -> Self:
-        if self.kind != "tcp" and any(self.clamp_m):
-            raise ValueError(f"clamp_m belongs to kind = 'tcp', not to '{self.kind}'")
-        return self
 
 
 class CableConfig(Section):
@@ -277,14 +277,21 @@ class CableConfig(Section):
 class AnalysisConfig(Section):
     """Methods and limits of the report."""
 
-    sorting: Literal["auto", "chain", "paper", "track"] = Field(
+    sorting: Literal["auto", "phase", "track", "chain", "paper"] = Field(
         "auto",
-        description="'chain': the most probable chain, each frame by itself; 'track': points followed through time, "
-        "then named, for motion that does not repeat; 'paper': the greedy chain of the paper.",
+        description="'auto': what suits the recording; 'phase': by the robot's cycle, which repeats; 'track': points "
+        "followed through time, then named, for motion that does not repeat; 'chain': the most probable chain, each "
+        "frame by itself; 'paper': the greedy chain of the paper.",
     )
-    curvature: Literal["auto", "spline"] = Field("auto", description="'spline': the paper's cubic spline.")
+    curvature: Literal["auto", "elastica", "menger_gp", "spline"] = Field(
+        "auto",
+        description="'elastica': a heavy rod between both clamps, whose places and directions must be known; "
+        "'menger_gp': discrete bends, smoothed, with a band; 'spline': the paper's cubic spline.",
+    )
     cycles: Literal["auto", "whole"] = Field(
-        "auto", description="'auto': the robot's counter, or without a robot the whole take as cycle 0."
+        "auto",
+        description="'auto': as the robot shows them; without a robot as the motion repeats, at least three times, "
+        "else the whole take as cycle 0. 'whole': always that.",
     )
     marker_noise_mm: float = Field(
         0.2, gt=0, le=50, description="Standard deviation of a marker's position; 0.12-0.74 mm measured on OptiTrack."

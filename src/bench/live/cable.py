@@ -14,6 +14,7 @@ from bench.config import Config
 from bench.errors import BenchError
 from bench.model import CycleEventKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, Run, RunFollower
+from bench.report.ends import find_cable_ends, find_up_axis
 from bench.report.markers import ChainStart, find_chain_start, list_points
 from bench.report.source import TrackerFrames, read_frames
 from bench.report.trace import trace_cable
@@ -78,7 +79,8 @@ class LiveCable:
             return
         frames = read_frames(part)
         start = _find_start(part, frames, config)
-        traced = trace_cable(list_points(frames, start), config)
+        ends = find_cable_ends(start, None, config).clamps(config.cable.length_m, find_up_axis(part))
+        traced = trace_cable(list_points(frames, start), config, ends)
         self.problem = ""
         for row in rows[traced.trusted[rows]].tolist():
             curve = traced.curve

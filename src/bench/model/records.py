@@ -221,9 +221,12 @@ class RecorderStats:
     host_ns: int
     topic: str
     received: int
+    """Handed to the recorder: written, dropped or still waiting."""
+    enqueued: int
+    """Received and taken into its queue, the recorder's own included; -1 in a file that does not say it."""
     written: int
     dropped: int
-    """Received but not written, because the queue was full."""
+    """Received, and neither written nor waiting: the queue was full, or the file failed."""
     missed: int
     """Never received: gaps in the device's sequence."""
     queue_high_water: int

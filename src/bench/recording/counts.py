@@ -1,4 +1,4 @@
-"""How many messages came, were written, were dropped, were never received: the recorder's bookkeeping.
+"""How many messages came, were taken, written, dropped, were never received: the recorder's bookkeeping.
 
 Only the writer thread counts what is written, so that needs no lock; drops and misses come from any thread.
 """
@@ -6,6 +6,7 @@ Only the writer thread counts what is written, so that needs no lock; drops and 
 from __future__ import annotations
 
 import threading
+from collections import Counter
 from collections.abc import Iterable
 
 from bench.model import Record, RecorderStats
@@ -15,12 +16,13 @@ __all__ = ["Counts"]
 
 
 class Counts:
-    """Totals by topic. For every topic and at every moment: received = written + dropped."""
+    """Totals by topic: what is received is written, dropped or waiting; what is not turned away is enqueued."""
 
     def __init__(self, topics: Iterable[str]) -> None:
         self._written = dict.fromkeys(topics, 0)
         self._confirmed = dict(self._written)
         self._dropped = dict(self._written)
+        self._turned_away = dict(self._written)
         self._missed = dict(self._written)
         self._lock = threading.Lock()
         self.queue_high_water = 0
@@ -34,8 +36,15 @@ class Counts:
         self._written[topic] = before + 1
         return before
 
+    def turn_away(self, record: Record) -> None:
+        """Count the messages of a record that the queue does not take."""
+        with self._lock:
+            for topic, n in count_messages(record):
+                self._turned_away[topic] += n
+                self._dropped[topic] += n
+
     def drop(self, record: Record) -> None:
-        """Count the messages of a record that is not written."""
+        """Count the messages of a record that was in the queue and is not written."""
         with self._lock:
             for topic, n in count_messages(record):
                 self._dropped[topic] += n
@@ -60,13 +69,18 @@ class Counts:
                 self._dropped[topic] += self._written[topic] - confirmed
                 self._written[topic] = confirmed
 
-    def snapshot(self, host_ns: int) -> dict[str, RecorderStats]:
+    def snapshot(self, host_ns: int, waiting: Iterable[Record] = ()) -> dict[str, RecorderStats]:
+        """Return the totals by topic while the records `waiting` are in the queue."""
+        n_waiting: Counter[str] = Counter()
+        for record in waiting:
+            n_waiting.update(dict(count_messages(record)))
         with self._lock:
             return {
                 topic: RecorderStats(
                     host_ns=host_ns,
                     topic=topic,
-                    received=written + self._dropped[topic],
+                    received=written + self._dropped[topic] + n_waiting[topic],
+                    enqueued=written + self._dropped[topic] + n_waiting[topic] - self._turned_away[topic],
                     written=written,
                     dropped=self._dropped[topic],
                     missed=self._missed[topic],

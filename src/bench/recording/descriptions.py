@@ -45,7 +45,13 @@ def describe_device(info: DeviceInfo) -> dict[str, str]:
 def describe_end(exit_status: str, reason: str, now_ns: int, counts: Counts) -> dict[str, str]:
     """Return ``bench.end``: how the run ended, and what became of its records."""
     totals = {
-        topic: {"received": s.received, "written": s.written, "dropped": s.dropped, "missed": s.missed}
+        topic: {
+            "received": s.received,
+            "enqueued": s.enqueued,
+            "written": s.written,
+            "dropped": s.dropped,
+            "missed": s.missed,
+        }
         for topic, s in counts.snapshot(now_ns).items()
     }
     return {

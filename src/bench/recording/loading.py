@@ -12,9 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.errors import RecordingError
+from bench.recording.ahead import Batch, read_ahead
 from bench.recording.cdr import CdrError
-from bench.recording.columns import HEAD_COLUMNS, Array, Collector, Columns, make_collector, read_message
-from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk, read_chunk, read_offsets
+from bench.recording.chunks import read_chunk, read_offsets
+from bench.recording.collecting import Collector, make_collector
+from bench.recording.columns import HEAD_COLUMNS, Array, Columns
+from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk
+from bench.recording.gathering import read_message
 from bench.recording.output import active_path
 from bench.recording.schemas import Schema, load_schema, parse_schema
 from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
@@ -130,23 +134,33 @@ def _read_schema(path: Path, channel: Channel) -> Schema:
 
 def _collect(descriptor: int, container: Container, collectors: Mapping[str, Collector], span: Span) -> None:
     wanted = {key: collectors[c.topic] for key, c in container.channels.items() if c.topic in collectors}
-    for chunk in list(container.chunks):
-        if wanted.keys().isdisjoint(chunk.counts) or not span.touches(chunk):
-            continue
-        try:
-            _collect_chunk(descriptor, chunk, wanted)
-        except DamagedError as error:
-            container.chunks.remove(chunk)
-            damage = f"{describe_chunk(chunk, container.channels)}: {error}"
-            container.note_damage(chunk.offset, damage)
-            _log.warning("damaged: %s", damage)
+    chunks = [chunk for chunk in container.chunks if span.touches(chunk) and not wanted.keys().isdisjoint(chunk.counts)]
+    for batch in read_ahead(descriptor, chunks, wanted.keys()):
+        for chunk, error in [*batch.damaged, *_take(batch, wanted)]:
+            _leave_out(container, chunk, error)
 
 
-def _collect_chunk(descriptor: int, chunk: Chunk, wanted: Mapping[int, Collector]) -> None:
-    data = read_chunk(descriptor, chunk)
-    for channel, offsets in read_offsets(descriptor, chunk, data).items():
-        if channel in wanted and len(offsets):
-            wanted[channel].take(data, offsets)
+def _take(batch: Batch, wanted: Mapping[int, Collector]) -> list[tuple[Chunk, DamagedError]]:
+    """Take a batch apart, all of it or nothing; of one that fails each chunk alone, and return those that are left."""
+    marks = {channel: wanted[channel].mark() for channel in batch.offsets}
+    try:
+        for channel, offsets in batch.offsets.items():
+            if len(offsets):
+                wanted[channel].take(batch.data, offsets)
+    except DamagedError as error:
+        for channel, mark in marks.items():
+            wanted[channel].return_to(mark)
+        if len(batch.chunks) == 1:
+            return [(batch.chunks[0], error)]
+        return [left for part in batch.split() for left in _take(part, wanted)]
+    return []
+
+
+def _leave_out(container: Container, chunk: Chunk, error: DamagedError) -> None:
+    container.chunks.remove(chunk)
+    damage = f"{describe_chunk(chunk, container.channels)}: {error}"
+    container.note_damage(chunk.offset, damage)
+    _log.warning("damaged: %s", damage)
 
 
 def _trim(topic: str, arrays: dict[str, Array], span: Span) -> dict[str, Array]:
@@ -181,8 +195,8 @@ def read_messages(path: Path, container: Container, topics: Iterable[str]) -> li
 
 def _messages_of(descriptor: int, chunk: Chunk, names: Mapping[int, str]) -> list[Message]:
     data = read_chunk(descriptor, chunk)
-    channels = read_offsets(descriptor, chunk, data).items()
-    places = sorted((offset, names[key]) for key, offsets in channels if key in names for offset in offsets.tolist())
+    channels = read_offsets(descriptor, chunk, data, names).items()
+    places = sorted((offset, names[key]) for key, offsets in channels for offset in offsets.tolist())
     return [Message(topic, *read_message(data, offset)) for offset, topic in places]
 
 

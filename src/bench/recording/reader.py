@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
@@ -32,6 +32,8 @@ LAST_NS = Span().end_ns
 PART_BYTES = 64 << 20
 """Some minutes of an ordinary run: enough that the work is not in the parts' edges, little beside any memory."""
 _DEVICE = "bench.device."
+_NOT_TOLD = -1
+"""Of what an older file does not say."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +68,6 @@ def open_run(path: str | Path) -> Run:
     path = Path(path)
     with opened(path) as descriptor:
         container = _scan(descriptor, path)
-    if not container.chunks and "outside a chunk" in container.problem:
-        raise RecordingError(f"{path} cannot be read: {container.problem}.", hint="Write it with chunks.")
     if "bench.run" not in container.metadata:
         if container.finished:
             raise RecordingError(
@@ -295,6 +295,7 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
             host_ns=int(end.get("ended_ns", "0")),
             topic=topic,
             received=int(total["received"]),
+            enqueued=int(total.get("enqueued", _NOT_TOLD)),
             written=int(total["written"]),
             dropped=int(total["dropped"]),
             missed=int(total["missed"]),
@@ -307,13 +308,14 @@ def _read_totals(end: Mapping[str, str]) -> dict[str, RecorderStats]:
 
 def _last_stats(parts: Iterable[Columns]) -> dict[str, RecorderStats]:
     """Return the last statistics of each topic: `parts` come backwards, and the totals of one moment may be in two."""
-    names = ("host_ns", "topic", "received", "written", "dropped", "missed", "queue_high_water", "sync_ms")
+    names = [field.name for field in fields(RecorderStats)]
     found: dict[str, RecorderStats] = {}
     for columns in parts:
-        if any(name not in columns for name in names):  # an older definition
+        known = [name for name in names if name in columns]
+        if known not in (names, [name for name in names if name != "enqueued"]):
             return {}
-        for row in reversed(list(zip(*(columns[name].tolist() for name in names), strict=True))):
-            stats = RecorderStats(*row)
+        for row in reversed(list(zip(*(columns[name].tolist() for name in known), strict=True))):
+            stats = RecorderStats(**{"enqueued": _NOT_TOLD, **dict(zip(known, row, strict=True))})
             if any(stats.host_ns < one.host_ns for one in found.values()):
                 return found
             found.setdefault(stats.topic, stats)

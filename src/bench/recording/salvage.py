@@ -9,17 +9,20 @@ from __future__ import annotations
 
 import os
 import struct
+import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
 
+import lz4.frame
 from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
 from bench.errors import RecordingError, RecordingExistsError, RecordingUnfinishedError
+from bench.recording.chunks import count_messages, has_sound_index, index_messages, read_chunk
 from bench.recording.container import (
     ATTACHMENT,
     HEAD,
@@ -31,11 +34,7 @@ from bench.recording.container import (
     Container,
     DamagedError,
     Note,
-    count_messages,
     describe_chunk,
-    has_sound_index,
-    index_messages,
-    read_chunk,
 )
 from bench.recording.ending import Ending, encode_records
 from bench.recording.loading import opened
@@ -217,6 +216,11 @@ def _write_copy(descriptor: int, found: _Found, file: OutputFile) -> None:
 
 def _verify_end_only(path: Path, found: _Found) -> None:
     """Check that everything is sound in front of what is cut away."""
+    if any(chunk.is_loose for chunk in found.chunks):
+        raise RecordingError(
+            f"{path} holds messages outside of chunks: it cannot be finished in place.",
+            hint="Salvage it to an --output.",
+        )
     damage = [chunk.end for chunk in found.chunks[:-1] if not chunk.index]
     if found.container.first_damage is not None:
         damage.append(found.container.first_damage)
@@ -248,14 +252,27 @@ def _encode_pieces(descriptor: int, found: _Found, ending: Ending, position: int
             # the cut may have taken a part of the last chunk's index
             piece = _encode_index(descriptor, part) if isinstance(part, Chunk) and part.end == keep else b""
         else:
-            _note_part(descriptor, part, position, ending)
-            piece = os.pread(descriptor, part.end - part.start, part.start)
+            piece, put = _move(descriptor, part, position)
+            _note_part(descriptor, put, position, ending)
             piece += _encode_index(descriptor, part) if isinstance(part, Chunk) else b""
         position += len(piece)
         yield piece
     note = _encode_salvage(found)
     ending.note_metadata(SALVAGE, position, len(note))
     yield note + ending.encode(position + len(note))
+
+
+def _move(descriptor: int, part: Chunk | Note, position: int) -> tuple[bytes, Chunk | Note]:
+    """Return a part as it is to stand at `position`, and its description there; loose messages become a chunk."""
+    if not isinstance(part, Chunk) or not part.is_loose:
+        return os.pread(descriptor, part.end - part.start, part.start), part
+    data = bytes(read_chunk(descriptor, part))
+    packed = lz4.frame.compress(data)
+    record = encode_records(
+        [records.Chunk("lz4", packed, part.end_ns, part.start_ns, zlib.crc32(data), uncompressed_size=len(data))]
+    )
+    at = position + len(record) - len(packed)
+    return record, replace(part, offset=position + HEAD.size, data_offset=at, data_size=len(packed), compression="lz4")
 
 
 def _note_part(descriptor: int, part: Chunk | Note, start: int, ending: Ending) -> None:

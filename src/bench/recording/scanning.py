@@ -1,6 +1,7 @@
 """One pass over the record headers of an MCAP file: what is where, finished or not.
 
-Damage costs what is damaged: behind a head that makes no sense the pass goes on with the next sound chunk.
+Damage costs what is damaged: behind a head that makes no sense the pass goes on with the next sound chunk. Messages
+outside of chunks, as other programs may write them, are taken as chunks that are neither packed nor have a checksum.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
+from bench.recording.chunks import count_messages, find_times, read_chunk, walk_records
 from bench.recording.container import (
     ATTACHMENT,
     CHANNEL,
@@ -32,22 +34,23 @@ from bench.recording.container import (
     Container,
     DamagedError,
     Note,
-    count_messages,
     describe_chunk,
-    read_chunk,
-    walk_records,
 )
 
 __all__ = ["scan_container", "scan_further"]
 
 MOST_NOTES = 100_000
 """Records outside of chunks; a run file has some twenty."""
+LOOSE_BYTES = 1 << 20
+"""Messages outside of chunks are taken as chunks of about this size."""
 SEARCH_BYTES = 1 << 20
 """Bytes looked through at a time for the next chunk behind damage."""
 _CHUNK, _FOOTER, _DATA_END = 6, 2, 15
 _KNOWN = frozenset(range(1, 16))
 _PRIVATE = 0x80
 _CHUNK_HEAD = struct.Struct("<QQQII")
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
+"""Channel, sequence, log time, publish time."""
 _FOOTER_BODY = struct.Struct("<QQI")
 _LARGEST_HEAD = 96  # bytes: more than the head of any chunk
 _COMPRESSION = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
@@ -114,9 +117,9 @@ def _scan_record(descriptor: int, offset: int, found: Container) -> int:
     if opcode == _CHUNK:
         _note_chunk(head[HEAD.size :], body, length, found)
     elif opcode == MESSAGE_INDEX:
-        _note_index(head[HEAD.size :], body, length, found)
+        _note_index(descriptor, head[HEAD.size :], body, length, found)
     elif opcode == MESSAGE:
-        raise DamagedError(f"a message stands outside a chunk at byte {offset}")
+        _note_loose_message(head[HEAD.size :], offset, HEAD.size + length, found)
     elif opcode in {SCHEMA, CHANNEL, METADATA, ATTACHMENT}:
         _note_record(descriptor, Note(opcode, offset, offset + HEAD.size + length), found)
     elif opcode == _FOOTER:
@@ -197,15 +200,33 @@ def _note_chunk(head: bytes, body: int, length: int, found: Container) -> None:
     found.chunks.append(found.current)
 
 
-def _note_index(head: bytes, body: int, length: int, found: Container) -> None:
-    if length < INDEX_HEAD.size or found.current is None:
+def _note_loose_message(head: bytes, offset: int, size: int, found: Container) -> None:
+    if not HEAD.size + _MESSAGE_HEAD.size <= size <= LARGEST_CHUNK:
+        raise DamagedError(f"the message at byte {offset} has an impossible length")
+    _, _, log_time_ns, _ = _MESSAGE_HEAD.unpack_from(head)
+    found.current = None  # an index that follows is not of the chunk before
+    last = found.chunks[-1] if found.chunks else None
+    if last is None or not last.is_loose or last.end != offset or last.data_size + size > LOOSE_BYTES:
+        last = Chunk(offset + HEAD.size, offset, 0, 0, 0, "", log_time_ns, log_time_ns, is_loose=True)
+        found.chunks.append(last)
+    last.data_size = last.unpacked_size = last.data_size + size
+    last.start_ns, last.end_ns = min(last.start_ns, log_time_ns), max(last.end_ns, log_time_ns)
+
+
+def _note_index(descriptor: int, head: bytes, body: int, length: int, found: Container) -> None:
+    chunk = found.current
+    if length < INDEX_HEAD.size or chunk is None:
         return
     channel, size = INDEX_HEAD.unpack_from(head)
-    if size != length - INDEX_HEAD.size or size % 16 or size // 16 * 31 > found.current.unpacked_size:
+    if size != length - INDEX_HEAD.size or size % 16 or size // 16 * 31 > chunk.unpacked_size:
         _distrust_index(found)
         return
-    found.current.index[channel] = (body + INDEX_HEAD.size, size // 16)
-    found.current.counts[channel] = size // 16
+    chunk.index[channel] = (body + INDEX_HEAD.size, size // 16)
+    chunk.counts[channel] = size // 16
+    if size:
+        first, last = head[INDEX_HEAD.size :][:8], os.pread(descriptor, 8, body + length - 16)
+        times = [int.from_bytes(entry, "little") for entry in (first, last)]
+        chunk.is_dated &= all(chunk.start_ns <= time_ns <= chunk.end_ns for time_ns in times)
 
 
 def _distrust_index(found: Container) -> None:
@@ -248,14 +269,16 @@ def _note_channel(channel: records.Channel, found: Container) -> None:
 
 def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
     """Look into a chunk only where its index does not already say what is in it."""
-    if chunk.index and all(channel in found.channels for channel in chunk.index):
+    if chunk.index and chunk.is_dated and all(channel in found.channels for channel in chunk.index):
         return True
     try:
         data = read_chunk(descriptor, chunk)
         for opcode, start, end in walk_records(data):
             if opcode in {SCHEMA, CHANNEL}:
-                _note_definition(opcode, chunk.offset, data[start:end], found)
+                _note_definition(opcode, chunk.offset, bytes(data[start:end]), found)
         _adopt_promised_channels(found)
+        if not chunk.is_dated:
+            chunk.start_ns, chunk.end_ns = find_times(data)
         counts = count_messages(data)
         if counts != chunk.counts:
             chunk.index.clear()

@@ -130,7 +130,7 @@ class RunWriter:
         if self._accepting and len(self._queue) < self._queue_limit:
             self._queue.append(record)
         else:
-            self._counts.drop(record)
+            self._counts.turn_away(record)
 
     def put_all(self, records: Iterable[Record]) -> None:
         """Hand over records that can wait, from a file: where the queue is full, wait for the disk.
@@ -165,8 +165,8 @@ class RunWriter:
 
     @property
     def stats(self) -> dict[str, RecorderStats]:
-        """What became of the records by topic; those still in the queue are not counted yet."""
-        return self._counts.snapshot(self._clock.now_ns())
+        """What became of the records by topic."""
+        return self._counts.snapshot(self._clock.now_ns(), self._queue.copy())
 
     @property
     def queue_length(self) -> int:
@@ -315,7 +315,7 @@ class RunWriter:
 
     def _sync(self) -> None:
         now = self._clock.now_ns()
-        for stats in self._counts.snapshot(now).values():
+        for stats in self._counts.snapshot(now, self._queue.copy()).values():
             if stats.received or stats.missed:
                 self._write(stats)
         begin = self._clock.now_ns()

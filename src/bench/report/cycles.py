@@ -11,7 +11,9 @@ from bench.analysis import (
     CycleTable,
     CycleVerdicts,
     find_cycles,
+    find_repeated_cycles,
     judge_cycles,
+    phase_from_path,
     phase_from_register,
     phase_from_time,
     refine_starts,
@@ -27,6 +29,9 @@ __all__ = ["PlacedFrames", "describe_cycles", "place_frames"]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+
+WHOLE = "whole take"
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +60,8 @@ def place_frames(
 ) -> PlacedFrames:
     """Find the cycles, judge them, and say of every frame in which cycle and where in it it was taken.
 
-    As the robot shows them; without a robot, or if so configured, the whole recording is cycle 0.
+    As the robot shows them; without a robot, as the motion repeats. Where it does not, or if so configured, the whole
+    recording is cycle 0.
 
     Parameters
     ----------
@@ -66,22 +72,14 @@ def place_frames(
     n_driven : int, optional
         Cycles of the run; what a program that waits for no grant began after them is none of it.
     """
-    if robot is None or config.cycles == "whole":
-        table, method = _whole_recording(frames), "whole take"
+    shown = None if config.cycles == "whole" else robot
+    if robot is None and config.cycles == "auto":
+        table, method = _find_repeated(frames)
         refined = np.zeros(len(table.cycle_index), dtype=bool)
     else:
-        table = find_cycles(robot.counter)
-        if n_driven is not None:
-            table = table.take(table.cycle_index + account.first_cycle_index < n_driven)
-        table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
-        method = robot.source.name if robot.source else "robot's counter"
-    table = replace(table, cycle_index=table.cycle_index + account.first_cycle_index)
+        table, refined, method = _find_table(frames, shown, account, n_driven)
     row = table.locate(frames.time_ns)
-    phase = phase_from_register(table, robot.counter, row, frames.time_ns) if robot and method != "whole take" else None
-    if phase is None:
-        phase, how = phase_from_time(table, row, frames.time_ns), "phase by time"
-    else:
-        how = "phase by the robot's register"
+    phase, how = _find_phase(table, shown, row, frames.time_ns)
     index = np.full(len(row), -1, dtype=np.int64)
     index[row >= 0] = table.cycle_index[row[row >= 0]]
     robot_gaps = robot.gaps if robot else None
@@ -95,6 +93,47 @@ def place_frames(
         account.slowed,
     )
     return PlacedFrames(table, refined, verdicts, row, index, phase, f"{method}, {how}")
+
+
+def _find_repeated(frames: TrackerFrames) -> tuple[CycleTable, str]:
+    """Return the cycles of a take, and what showed them: the whole of it is one where no motion repeats."""
+    in_order = bool((np.diff(frames.time_ns) > 0).all())
+    table = find_repeated_cycles(frames.points_m, frames.offsets, frames.time_ns) if in_order else None
+    return (_whole_recording(frames), WHOLE) if table is None else (table, "motion that repeats")
+
+
+def _find_table(
+    frames: TrackerFrames, robot: RobotSamples | None, account: CycleAccount, n_driven: int | None
+) -> tuple[CycleTable, npt.NDArray[np.bool_], str]:
+    """Return the cycles, whether each start is that of the joints' motion, and what showed them."""
+    if robot is None:
+        table, method = _whole_recording(frames), WHOLE
+        refined = np.zeros(len(table.cycle_index), dtype=bool)
+    else:
+        table = find_cycles(robot.counter)
+        if n_driven is not None:
+            table = table.take(table.cycle_index + account.first_cycle_index < n_driven)
+        table, refined = refine_starts(table, robot.counter.host_ns, robot.speed_rad_s)
+        method = robot.source.name if robot.source else "robot's counter"
+    return replace(table, cycle_index=table.cycle_index + account.first_cycle_index), refined, method
+
+
+def _find_phase(table: CycleTable, robot: RobotSamples | None, row: Ints, time_ns: Ints) -> tuple[Floats, str]:
+    """Return the phase of each frame (F,) by the best that is known, and by what: register, then path, then time."""
+    by_time = phase_from_time(table, row, time_ns)
+    if robot is None:
+        return by_time, "phase by time"
+    phase = phase_from_register(table, robot.counter, row, time_ns)
+    if phase is not None:
+        return phase, "phase by the robot's register"
+    phase = phase_from_path(table, robot.travel, row, time_ns) if robot.travel else None
+    if phase is None:
+        return by_time, "phase by time"
+    elsewhere = np.unique(row[(row >= 0) & np.isnan(phase)])
+    by_path = "phase by the robot's path"
+    if len(elsewhere):
+        by_path += f" ({len(elsewhere)} of {len(table.cycle_index)} cycles by time: they took another path)"
+    return np.where(np.isnan(phase), by_time, phase), by_path
 
 
 def describe_cycles(placed: PlacedFrames, traced: TracedCable) -> CycleColumns:

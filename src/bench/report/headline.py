@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from bench.analysis import bend_radius
 from bench.model import Verdict
 from bench.report.results import Results
 
-__all__ = ["Headline", "TightestBend", "find_tightest_bend", "find_unjudged_bend", "radius_interval_mm", "summarise"]
+__all__ = ["Headline", "TightestBend", "find_tightest_bend", "find_unjudged_bend", "summarise"]
 
 NAN = float("nan")
 JUDGED = (Verdict.OK, Verdict.SLOW)
@@ -65,21 +66,6 @@ def summarise(results: Results) -> Headline:
     )
 
 
-def radius_interval_mm(curvature_per_m: float, sigma_per_m: float) -> tuple[float, float]:
-    """Return the bend radii (mm) two standard deviations of curvature to either side.
-
-    Notes
-    -----
-    R / (1 ± 2 sigma / kappa): not symmetric, for the markers' noise is symmetric in curvature and not in radius.
-    The upper end is infinite where a straight cable is within two standard deviations.
-    """
-    tight, gentle = curvature_per_m + 2 * sigma_per_m, curvature_per_m - 2 * sigma_per_m
-    low = 1e3 / tight if tight > 0 else float("inf")
-    if np.isnan(gentle):
-        return NAN, NAN
-    return low, 1e3 / gentle if gentle > 0 else float("inf")
-
-
 def find_tightest_bend(results: Results) -> TightestBend | None:
     """Return the largest of the cycles' maxima as a bend radius with its place, None when no cycle has one.
 
@@ -103,13 +89,12 @@ def _tightest_of(results: Results, chosen: npt.NDArray[np.bool_]) -> TightestBen
     if not (value >= 0).any():
         return None
     row = int(value.argmax())
-    curvature = float(value[row])
-    low, high = radius_interval_mm(curvature, float(cycles.max_curvature_sigma_per_m[row]))
+    bend = bend_radius(value[row], cycles.max_curvature_sigma_per_m[row])
     return TightestBend(
         cycle_index=int(cycles.cycle_index[row]),
-        radius_mm=1e3 / curvature if curvature > 0 else float("inf"),
-        low_mm=low,
-        high_mm=high,
+        radius_mm=1e3 * float(bend.radius_m),
+        low_mm=1e3 * float(bend.low_m),
+        high_mm=1e3 * float(bend.high_m),
         arc_length_mm=1e3 * float(cycles.max_curvature_arc_length_m[row]),
         cycle_phase=_phase_of_maximum(results, row),
     )

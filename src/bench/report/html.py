@@ -4,25 +4,26 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
-from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
-from bench.errors import RecordingExistsError
 from bench.model import Severity
+from bench.report.drift_text import describe_drift_section, warn_about_drift
 from bench.report.figures import (
     bend_map_figure,
     completeness_figure,
     cycles_figure,
     cycles_per_group,
     drawable_example,
+    drift_figure,
     example_figure,
     n_points_outside,
 )
 from bench.report.headline import Headline, find_unjudged_bend, summarise
 from bench.report.methods import describe_methods, warn_about_clamps
+from bench.report.pages import render_page, write_page
 from bench.report.results import NotedLine, Results
 from bench.report.wording import (
     describe_clocks,
@@ -33,13 +34,11 @@ from bench.report.wording import (
     describe_outcome,
     describe_place,
     find_worst_residual_us,
-    say_count,
     say_mm,
     say_number,
     say_percent,
     say_utc,
 )
-from bench.report.writing import explain_write
 
 __all__ = ["ATTENTION_ROWS", "REPORT_NAME", "render_report", "write_report"]
 
@@ -48,10 +47,6 @@ ATTENTION_ROWS = 200
 """Most rows in the table of odd cycles: four printed pages; the rest is in ``cycles.parquet``."""
 NOTED_ROWS = 200
 """Most lines of the run's log: a night with a loose plug gives thousands; they are in the recording."""
-
-
-CONTROLS = dict.fromkeys([*range(9), *range(11, 32), 127, *range(0x202A, 0x202F), *range(0x2066, 0x206A)], "\ufffd")
-"""Characters without a shape of their own, but for tab and new line: ASCII controls, and those that turn direction."""
 
 
 @dataclass(frozen=True)
@@ -84,47 +79,12 @@ def write_report(results: Results, folder: Path) -> Path:
     RecordingError, DiskFullError
         The folder cannot be written.
     """
-    page = render_report(results).encode("utf-8", errors="backslashreplace")
-    path = folder / REPORT_NAME
-    with explain_write(f"The report cannot be written to {path}"):
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            with path.open("xb") as file:
-                _write_or_remove(file, page, path)
-        except FileExistsError as error:
-            raise RecordingExistsError(
-                f"{path} exists already and is not overwritten.", hint="Choose another --output, or move it away."
-            ) from error
-    return path
-
-
-def _write_or_remove(file: BinaryIO, page: bytes, path: Path) -> None:
-    """Leave no half page behind that a browser would show as a whole one."""
-    try:
-        file.write(page)
-        file.flush()
-    except OSError:
-        path.unlink(missing_ok=True)
-        raise
+    return write_page(folder / REPORT_NAME, render_report(results))
 
 
 def render_report(results: Results) -> str:
     """Return the text of the page; the same results give the same text."""
-    environment = Environment(
-        loader=PackageLoader("bench.report"),
-        autoescape=True,  # names come from configurations and devices: none of them is trusted
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        finalize=_without_controls,
-    )
-    environment.filters.update(mm=say_mm, number=say_number, count=say_count, percent=say_percent, utc=say_utc)
-    return environment.get_template("report.html.j2").render(_context(results))
-
-
-def _without_controls(value: object) -> object:
-    """Make control characters visible: a name must not turn the direction of the text around it."""
-    return value.translate(CONTROLS) if isinstance(value, str) and not isinstance(value, Markup) else value
+    return render_page("report.html.j2", _context(results))
 
 
 def _context(results: Results) -> dict[str, Any]:
@@ -146,9 +106,10 @@ def _context(results: Results) -> dict[str, Any]:
         "captions": _captions(results),
         "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
         "n_odd": len(odd),
+        "drift": describe_drift_section(results),
         "noted": _choose_noted(results.noted),
         "methods": describe_methods(results),
-        "files": FILES,
+        "files": FILES | (DRIFT_FILE if results.drift else {}),
     }
 
 
@@ -158,6 +119,7 @@ FILES = {
     "curvature.parquet": "one row per tracker frame: curvature and its standard deviation along the cable",
     "summary.json": "the numbers of this report's first page, versions and methods",
 }
+DRIFT_FILE = {"drift.parquet": "one row per cycle: how far its shape and largest curvature are from the first cycles"}
 
 
 def _cautions(results: Results, headline: Headline) -> list[str]:
@@ -175,7 +137,7 @@ def _cautions(results: Results, headline: Headline) -> list[str]:
         else ""
     )
     clamps = warn_about_clamps(results) if headline.tightest else ""
-    return [text for text in (undecided, unjudged, clamps, *results.warnings) if text]
+    return [text for text in (undecided, unjudged, *warn_about_drift(results), clamps, *results.warnings) if text]
 
 
 def _figures(results: Results) -> dict[str, Markup]:
@@ -185,6 +147,7 @@ def _figures(results: Results) -> dict[str, Markup]:
         "cycles": cycles_figure,
         "completeness": completeness_figure,
         "bend_map": bend_map_figure,
+        "drift": drift_figure,
     }
     return {name: Markup(make(results)) for name, make in makers.items()}  # noqa: S704 - SVG of our own making
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from bench.analysis import (
     CableEnd,
@@ -17,6 +18,7 @@ from bench.analysis import (
     StaticMarker,
     bridge_poses,
     centre_of_labeled,
+    check_points,
     exclude_near,
     find_reflections,
     find_static_marker,
@@ -26,13 +28,13 @@ from bench.analysis import (
     match_body,
     spread_frames,
 )
-from bench.config import CableConfig, Config, EndConfig
+from bench.config import CableConfig, Config, EndConfig, HolderConfig
 from bench.errors import AnalysisError
 from bench.model import UNLABELED
 from bench.recording import Run
 from bench.report.source import TrackerFrames
 
-__all__ = ["ChainStart", "TrackedBodies", "find_chain_start", "list_points", "make_sort_settings"]
+__all__ = ["ChainStart", "TrackedBodies", "find_chain_start", "list_points", "make_sort_settings", "turn_matrices"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -78,9 +80,10 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
     Raises
     ------
     AnalysisError
-        The configured rigid body is not in the recording, or no static marker is found.
+        The configured rigid body is not in the recording, no static marker is found, or lengths are not in metres.
     """
-    start = ChainStart(usable=~_is_labeled(frames.flags))
+    checks = check_points(frames.points_m, frames.offsets, config.cable.arc_length_m)
+    start = ChainStart(usable=~_is_labeled(frames.flags) & checks.good, warnings=checks.warnings)
     if len(frames.points_m) == 0:
         start.warnings.append("The tracker saw no markers: check the cameras' exposure and the markers' reflection.")
         start.anchor_m = np.full((len(frames), 3), np.nan)
@@ -91,7 +94,7 @@ def find_chain_start(run: Run, frames: TrackerFrames, config: Config, table: Cyc
     if end is not None:
         _exclude_end(start, frames, end, bodies, table)
     if anchor.kind == "rigid_body":
-        start.anchor_m = _body_anchor(start, bodies, anchor.name)
+        start.anchor_m = _body_anchor(start, bodies, anchor)
     elif anchor.kind == "static_marker":
         _set_static_anchor(start, frames, config, table)
     else:
@@ -149,6 +152,14 @@ class TrackedBodies:
         own = _is_labeled(self._frames.flags) & (self._frames.ids >> 16 == body_id)
         return centre_of_labeled(self._frames.points_m, self._frames.offsets, own, position)
 
+    def place_clamp(self, holder: HolderConfig) -> Floats:
+        """Return where a body holds the cable in each frame, (F, 3): its centre of gravity where no clamp is given."""
+        body_id = self.id_of(holder.name)
+        if holder.clamp_m is None:
+            return self.centre(body_id)
+        position, quaternion = self.poses(body_id)
+        return np.asarray(position + turn_matrices(quaternion) @ np.array(holder.clamp_m))
+
     def id_of(self, name: str) -> int:
         """Return the id of the body of that name; `AnalysisError` if the recording has none."""
         for body_id, known in self.names.items():
@@ -188,6 +199,15 @@ class TrackedBodies:
         return position, quaternion
 
 
+def turn_matrices(quaternion_xyzw: Floats) -> Floats:
+    """Return rotations (F, 3, 3) of quaternions (F, 4), NaN where there is none."""
+    known = np.isfinite(quaternion_xyzw).all(axis=1) & (np.linalg.norm(quaternion_xyzw, axis=1) > 0)
+    turn = np.full((len(quaternion_xyzw), 3, 3), np.nan)
+    if known.any():
+        turn[known] = Rotation.from_quat(quaternion_xyzw[known]).as_matrix()
+    return turn
+
+
 def _recorded_body_markers(run: Run) -> Mapping[str, Floats]:
     """Return the markers (m, 3) of rigid bodies in their own frames, by name, as the tracker's description has them."""
     described: dict[str, Floats] = {}
@@ -198,13 +218,14 @@ def _recorded_body_markers(run: Run) -> Mapping[str, Floats]:
     return {name: markers for name, markers in described.items() if len(markers)}
 
 
-def _body_anchor(start: ChainStart, bodies: TrackedBodies, name: str) -> Floats:
-    anchor = bodies.centre(bodies.id_of(name))
+def _body_anchor(start: ChainStart, bodies: TrackedBodies, holder: HolderConfig) -> Floats:
+    anchor, name = bodies.place_clamp(holder), holder.name
     n_lost = int(np.isnan(anchor[:, 0]).sum())
-    start.facts["Anchor"] = f"centre of gravity of the rigid body '{name}'"
+    start.facts["Anchor"] = f"{'clamp' if holder.clamp_m else 'centre of gravity'} of the rigid body '{name}'"
     if n_lost:
         start.warnings.append(
-            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: they are not sorted."
+            f"The rigid body '{name}' was not tracked in {n_lost} of {len(anchor)} frames: nothing tells where the "
+            "cable starts in them."
         )
     return anchor
 

@@ -14,11 +14,9 @@ from bench.analysis import (
     PointFrames,
     fastest_speed,
     find_hidden_stretches,
-    follow_beyond_gaps,
-    gather_positions,
-    get_sorter,
     make_cycle_source,
     measure_marker_places,
+    sort_automatically,
 )
 from bench.config import Config
 from bench.errors import AnalysisError
@@ -77,8 +75,7 @@ class SeenCycle:
 def see_first_cycle(run: Run, config: Config) -> SeenCycle:
     """Look at the first completed cycle of a recording.
 
-    Markers are sorted by the chain with wide gates, and followed from frame to frame where it ends, so that a hidden
-    marker does not count those beyond it as missing.
+    Markers are sorted through time, so that a hidden marker does not count those beyond it as missing.
 
     Parameters
     ----------
@@ -144,12 +141,13 @@ def _find_first_cycle(run: Run, frames: TrackerFrames, placed: PlacedFrames) -> 
 
 
 def _sort(cycle: PointFrames, config: Config) -> tuple[Floats32, Bools]:
-    """Return the markers' positions, and the frames in which the chain found all of them without doubt."""
-    found = get_sorter(config.analysis.sorting)(cycle, make_sort_settings(config))
+    """Return the markers' positions, and the frames in which all of them were found without doubt.
+
+    Whatever the report sorts by, here by what suits a single cycle: the cameras are judged, and no sorter.
+    """
+    found = sort_automatically(cycle, make_sort_settings(config))
     trusted = np.asarray((found.confidence >= TRUSTED_CONFIDENCE) & (found.source >= 0).all(axis=1), dtype=bool)
-    places = np.array(config.cable.arc_length_m)
-    source = follow_beyond_gaps(cycle.points_m, cycle.offsets, cycle.usable, found.source, cycle.anchor_m, places)
-    return gather_positions(cycle.points_m, cycle.offsets, source), trusted
+    return found.position_m, trusted
 
 
 def _measure_places(

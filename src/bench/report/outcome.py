@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis import CycleVerdicts
+from bench.analysis import CycleVerdicts, bend_radius
 from bench.model import ExitStatus, Outcome, Verdict
 from bench.report.results import CycleColumns, StreamFinding
 
@@ -37,7 +37,7 @@ def judge_run(
     verdict ok or slow only.
     """
     failures = _too_tight(cycles, minimum_bend_radius_mm)
-    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles)]
+    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
     outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
     return outcome, [*failures, *errors]
 
@@ -67,10 +67,11 @@ def _too_tight(cycles: CycleColumns, limit_mm: float) -> list[str]:
     if not len(tight):
         return []
     row = tight[cycles.min_bend_radius_mm[tight].argmin()]
-    sigma = cycles.max_curvature_sigma_per_m[row] / cycles.max_curvature_per_m[row] * cycles.min_bend_radius_mm[row]
+    bend = bend_radius(cycles.max_curvature_per_m[row], cycles.max_curvature_sigma_per_m[row])
     sentence = (
         f"The bend radius is below the limit of {limit_mm:g} mm in {len(tight)} of {int(judged.sum())} cycles; the "
-        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm (standard deviation {sigma:.1f} mm) in cycle "
+        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm ({1e3 * bend.low_m:.1f} to {1e3 * bend.high_m:.1f} mm "
+        "within two standard deviations) in cycle "
         f"{cycles.cycle_index[row]}, {cycles.max_curvature_arc_length_m[row] * 1e3:.0f} mm from the anchor."
     )
     usual = float(np.median(cycles.min_bend_radius_mm[judged & np.isfinite(cycles.min_bend_radius_mm)]))
@@ -93,8 +94,10 @@ def _stream_errors(streams: list[StreamFinding]) -> list[str]:
     return sentences + ([f"Records never arrived: {', '.join(missed)}."] if missed else [])
 
 
-def _cycle_errors(cycles: CycleColumns) -> list[str]:
+def _cycle_errors(cycles: CycleColumns, end: RunEnd) -> list[str]:
     interrupted = [int(i) for i, v in zip(cycles.cycle_index, cycles.verdict, strict=True) if v == Verdict.INTERRUPTED]
+    if end.exit_status == IMPORT:  # a take begins and ends in the middle of a cycle, and nobody is at fault
+        interrupted = []
     sentences = [f"Cycles were interrupted: {_list_briefly(interrupted)}."] if interrupted else []
     if Verdict.OK not in cycles.verdict:
         sentences.append("No cycle was recorded." if not len(cycles.verdict) else "No cycle has the verdict ok.")

@@ -9,12 +9,13 @@ from pathlib import PurePath
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import TRUSTED_CONFIDENCE, interpolate_curve, make_cycle_source, map_by_phase
+from bench.analysis import TRUSTED_CONFIDENCE, average_by_phase, interpolate_curve, make_cycle_source
 from bench.config import Config
 from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
-from bench.report.ends import compare_last_marker, find_cable_ends
+from bench.report.drift import find_drift
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -79,14 +80,16 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     in_lab = find_robot(frames, robot, config.calibration.measured)
     exclude_flange_marker(start, frames, in_lab)
     ends = find_cable_ends(start, in_lab, config)
-    traced = trace_cable(list_points(frames, start, placed.row, placed.phase, ends.end), config)
-    end_facts = compare_last_marker(ends, traced.markers, config)
+    end_facts = verify_end(ends, list_points(frames, start, placed.row, placed.phase), config)
+    points, up_axis = list_points(frames, start, placed.row, placed.phase, ends.end), find_up_axis(run)
+    traced = trace_cable(points, config, ends.clamps(config.cable.length_m, up_axis))
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
     outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
     n_bins = _count_phase_bins(cycles.n_frames)
-    bend_map = map_by_phase(traced.curve.curvature_per_m, placed.phase, inside, n_bins)
+    curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
+    bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
     return Results(
         run_path=PurePath(run_path or run.path).name,
         config=config,
@@ -104,7 +107,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         cycles=cycles,
         phase_grid=(np.arange(n_bins) + 0.5) / n_bins,
         bend_map_per_m=bend_map,
-        example=_choose_example(frames, placed, traced, bend_map, _find_up_axis(run)),
+        example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         attention=find_attention(cycles, placed.verdicts),
@@ -113,11 +116,15 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *start.warnings,
             *(in_lab.warn_of_tcp() if in_lab else []),
             *ends.warnings,
+            *traced.markers.warnings,
+            *traced.curve.warnings,
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
         ],
+        method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
         ends=ends.columns(len(frames)),
+        drift=find_drift(placed, traced, cycles, config.analysis.marker_noise_mm),
         analysis_s=time.perf_counter() - begin,
     )
 
@@ -141,15 +148,11 @@ def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCa
         source=traced.markers.source,
         position_m=traced.markers.position_m,
         confidence=traced.markers.confidence,
+        marker_confidence=traced.markers.marker_confidence,
+        reason=traced.markers.reason,
         curvature_per_m=traced.curve.curvature_per_m,
         sigma_per_m=traced.curve.sigma_per_m,
     )
-
-
-def _find_up_axis(run: Run) -> int:
-    """Return the lab frame's vertical axis as the tracker names it; y where it does not say."""
-    named = [device.detail.get("up_axis", "") for device in run.devices]
-    return next(("xyz".index(name) for name in named if name in ("x", "y", "z")), 1)
 
 
 def _choose_example(
@@ -210,17 +213,19 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; the others have a shorter curve or none. "
+            f"All markers were found in {fraction:.1%} of the frames; in the others the curve is less certain beside a "
+            "missing marker, and ends at the last one found. "
             "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())
     if n_impossible:
         warnings.append(
-            f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius, which cannot be: "
-            "a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be wrong unseen."
+            f"{n_impossible} of {len(frames)} frames have a bend tighter than the cable's own radius or fold back, "
+            "which cannot be: a marker is wrongly sorted in them. They do not enter the cycles' figures; others may be "
+            "wrong unseen."
         )
     if traced.isolated.any():
-        tightest = 1e3 / float(np.nanmax(traced.curve.curvature_per_m[traced.isolated]))
+        tightest = 1e3 / traced.isolated_bend_per_m
         warnings.append(
             f"{int(traced.isolated.sum())} of {len(frames)} frames have a bend that is gone a moment later, down to "
             f"{tightest:.1f} mm: a marker is wrongly sorted in them, or the cable jumped. "

@@ -13,6 +13,10 @@ from bench.model import Outcome, Severity
 __all__ = [
     "ClockFinding",
     "CycleColumns",
+    "Drift",
+    "DriftChange",
+    "DriftColumns",
+    "DriftTrend",
     "EndColumns",
     "ExampleFrame",
     "FrameColumns",
@@ -42,7 +46,11 @@ class FrameColumns:
     position_m: Floats32
     """(F, k, 3): lab frame, NaN where not found."""
     confidence: Floats32
-    """(F,): 0…1."""
+    """(F,): 0…1, mean of the markers'."""
+    marker_confidence: Floats32
+    """(F, k): 0…1, 0 where not found."""
+    reason: npt.NDArray[np.uint8]
+    """(F, k): `bench.analysis.MarkerReason`, why a marker has its point or none."""
     curvature_per_m: Floats32
     """(F, G): magnitude of the curvature at `Results.arc_length_m`, NaN where no curve could be drawn."""
     sigma_per_m: Floats32
@@ -150,6 +158,71 @@ class EndColumns:
 
 
 @dataclass(frozen=True, eq=False)
+class DriftColumns:
+    """How far each cycle is from the first ones: the columns of ``drift.parquet``, by the same names."""
+
+    cycle_index: Ints
+    watched: npt.NDArray[np.bool_]
+    """Whether the cycle's verdict is ok, so that it counts for the drift."""
+    shape_distance_mm: Floats
+    """Root mean square over markers and phases, without what the reference cycles differ by; NaN where unknown."""
+    shape_distance_fitted_mm: Floats
+    """Level, steps and trend that were found in it; NaN where the cycle is not watched."""
+    max_curvature_change_per_m: Floats
+    """Against the median of the reference cycles."""
+    max_curvature_change_sigma_per_m: Floats
+    max_curvature_change_fitted_per_m: Floats
+
+
+@dataclass(frozen=True)
+class DriftChange:
+    """A lasting change from one cycle to the next."""
+
+    quantity: str
+    """`shape`, in mm, or `max_curvature`, in 1/m: that of `size`, `sigma` and `largest`."""
+    cycle_index: int
+    """The first cycle after it."""
+    size: float
+    """Of the step in the quantity of ``drift.parquet``."""
+    sigma: float
+    arc_length_m: float
+    """Where along the cable the cycles after it differ most from those before; NaN where unknown, as the next two."""
+    cycle_phase: float
+    """At which phase."""
+    largest: float
+    """By how much, there: distance of a marker, or curvature."""
+    matters: bool
+    """Whether it is larger than a marker's noise, or than a hundredth of the curvature."""
+
+
+@dataclass(frozen=True)
+class DriftTrend:
+    """The straight line in a quantity besides its steps."""
+
+    quantity: str
+    per_1000_cycles: float
+    sigma_per_1000_cycles: float
+    stands_out: bool
+    """Whether noise alone would hardly give it."""
+    matters: bool
+    """Whether it stands out and adds up, over the whole run, to more than a change must have to matter."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """What the cycles say of a cable that changes."""
+
+    columns: DriftColumns
+    reference_cycle_index: Ints
+    """The first cycles with verdict ok, against which the others are held."""
+    usual_shape_distance_mm: float
+    """What a reference cycle differs from the others by."""
+    changes: list[DriftChange]
+    """In order of cycles."""
+    trends: list[DriftTrend]
+
+
+@dataclass(frozen=True, eq=False)
 class Results:
     """Everything the report says."""
 
@@ -188,7 +261,11 @@ class Results:
     """The run's log, in order."""
     warnings: list[str] = field(default_factory=list)
     """Sentences about the analysis itself that the reader must know."""
+    method_notes: dict[str, list[str]] = field(default_factory=dict)
+    """By step as in `methods`: why this method, what it learnt from this recording."""
     ends: EndColumns | None = None
     """None where nothing tells more of the ends than the anchor's place."""
+    drift: Drift | None = None
+    """None with fewer than 20 cycles of verdict ok."""
     analysis_s: float = float("nan")
     """Time the analysis took, on this machine."""

@@ -14,10 +14,12 @@ from bench.analysis import (
     CycleSource,
     Gaps,
     RobotSigns,
+    Travel,
     align_by_arrival,
     align_by_echo,
     count_cycles,
     find_gaps,
+    measure_travel,
 )
 from bench.model import ClockSource, CycleEventKind, Severity, StampKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, LOG, POINTS, ROBOT, STATS, Run
@@ -85,6 +87,8 @@ class RobotSamples:
     counter: CounterColumns
     speed_rad_s: Floats
     """(n,): of the fastest joint, for each of the samples in `counter`; NaN where unknown."""
+    travel: Travel | None
+    """How far it has moved; None where it does not say where it is."""
     tcp_pose: Floats
     """(n, 6): x, y, z (m) and rotation vector (rad) in the base frame, for each of them; NaN where unknown."""
     tcp_offset: Floats
@@ -202,11 +206,12 @@ def read_robot(run: Run, source: CycleSource | None) -> RobotSamples | None:
     gaps = find_gaps(_ints(state["sequence"])[order], segment[order], host)
     speed_rad_s = np.abs(state.qd_rad_s).max(axis=1)[order]
     tcp_pose = np.asarray(state.tcp_pose, dtype=np.float64)[order]
+    travel = measure_travel(host, state.q_rad[order], tcp_pose)
     outputs = _ints(state.digital_outputs)[order]
     # recordings of the first version do not have it
     tcp_offset = _usual_row(state.tcp_offset) if "tcp_offset" in state else np.full(6, np.nan)
     return RobotSamples(
-        source, counter, speed_rad_s, tcp_pose, tcp_offset, outputs, gaps, _findings("robot", clock, run)
+        source, counter, speed_rad_s, travel, tcp_pose, tcp_offset, outputs, gaps, _findings("robot", clock, run)
     )
 
 

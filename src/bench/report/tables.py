@@ -15,15 +15,17 @@ import numpy.typing as npt
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from bench.analysis import MarkerReason
 from bench.errors import RecordingExistsError
 from bench.model import Verdict
 from bench.recording import rename_new
 from bench.report.headline import find_tightest_bend
-from bench.report.results import Results
+from bench.report.results import CycleColumns, Drift, DriftColumns, Results
 from bench.report.writing import explain_write
 
 __all__ = [
     "TABLE_FILES",
+    "to_plain",
     "verify_folder_is_free",
     "write_markers",
     "write_summary",
@@ -35,6 +37,8 @@ TABLE_FILES = ("cycles.parquet", "markers.parquet", "curvature.parquet", "summar
 """What `write_tables` leaves in the folder."""
 ENDS_FILE = "ends.parquet"
 """And this one, where the cable's ends are known."""
+DRIFT_FILE = "drift.parquet"
+"""And this one, where there are cycles enough to see a change."""
 ROWS_PER_GROUP = 20_000
 """Row groups hold whole cycles up to this many frames: a reader that wants one cycle reads 1 to 9 MB."""
 ZSTD_LEVEL = 3
@@ -43,7 +47,7 @@ ZSTD_LEVEL = 3
 Array = npt.NDArray[Any]
 
 
-def verify_folder_is_free(folder: Path, names: tuple[str, ...] = (*TABLE_FILES, ENDS_FILE)) -> None:
+def verify_folder_is_free(folder: Path, names: tuple[str, ...] = (*TABLE_FILES, ENDS_FILE, DRIFT_FILE)) -> None:
     """Raise `RecordingExistsError` if the folder holds any of the files that would be written."""
     taken = [name for name in names if (folder / name).exists()]
     if taken:
@@ -69,13 +73,16 @@ def write_tables(results: Results, folder: Path) -> list[Path]:
         The folder cannot be written.
     """
     writers: dict[str, Callable[[Path], None]] = {
-        "cycles.parquet": lambda path: _write_cycles(results, path),
+        "cycles.parquet": lambda path: _write_columns(results, path, results.cycles),
         "markers.parquet": lambda path: write_markers(results, path),
         "curvature.parquet": lambda path: _write_frames(results, path, _curvature),
         "summary.json": lambda path: write_summary(results, path),
     }
     if results.ends is not None:
         writers[ENDS_FILE] = lambda path: _write_frames(results, path, _ends)
+    if results.drift is not None:
+        drift = results.drift.columns
+        writers[DRIFT_FILE] = lambda path: _write_columns(results, path, drift)
     with explain_write(f"The tables cannot be written to {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         verify_folder_is_free(folder)
@@ -106,8 +113,8 @@ def write_then_rename(path: Path, write: Callable[[Path], None]) -> None:
         partial.unlink(missing_ok=True)
 
 
-def _write_cycles(results: Results, path: Path) -> None:
-    columns = {field.name: getattr(results.cycles, field.name) for field in fields(results.cycles)}
+def _write_columns(results: Results, path: Path, rows: CycleColumns | DriftColumns) -> None:
+    columns = {field.name: getattr(rows, field.name) for field in fields(rows)}
     table = pa.table({name: _column(values) for name, values in columns.items()})
     with _open_writer(path, table.schema, results) as writer:
         writer.write_table(table)
@@ -137,6 +144,8 @@ def _markers(results: Results, rows: slice) -> dict[str, Any]:
         "source": _lists(frames.source[rows]),
         "position_m": _lists(frames.position_m.reshape(len(frames.position_m), 3 * frames.source.shape[1])[rows]),
         "confidence": pa.array(frames.confidence[rows]),
+        "marker_confidence": _lists(frames.marker_confidence[rows]),
+        "reason": _lists(frames.reason[rows]),
     }
 
 
@@ -183,6 +192,7 @@ def _open_writer(path: Path, schema: Any, results: Results) -> Any:
         "methods": json.dumps(results.methods),
         "config_sha256": results.config_sha256,
         "run": results.run_path,
+        "reasons": json.dumps({reason.value: reason.name.lower() for reason in MarkerReason}),
     }
     return pq.ParquetWriter(
         path,
@@ -203,7 +213,7 @@ def _summary(results: Results) -> dict[str, Any]:
     cycles, frames = results.cycles, results.frames
     bend, calibration = find_tightest_bend(results), results.config.calibration.measured
     row = -1 if bend is None else cycles.cycle_index.tolist().index(bend.cycle_index)
-    summary: dict[str, Any] = _jsonable(
+    summary: dict[str, Any] = to_plain(
         {
             "run": results.run_path,
             "outcome": str(results.outcome),
@@ -221,6 +231,7 @@ def _summary(results: Results) -> dict[str, Any]:
             "max_curvature_arc_length_m": cycles.max_curvature_arc_length_m[row] if row >= 0 else math.nan,
             "max_curvature_cycle_index": cycles.cycle_index[row] if row >= 0 else None,
             "streams": [asdict(stream) for stream in results.streams],
+            "drift": _summarise_drift(results.drift) if results.drift else None,
             "calibration": calibration.model_dump(mode="json") if calibration else None,
             "clocks": [asdict(clock) for clock in results.clocks],
             "attention": {str(index): reasons for index, reasons in results.attention.items()},
@@ -237,12 +248,21 @@ def _summary(results: Results) -> dict[str, Any]:
     return summary
 
 
-def _jsonable(value: Any) -> Any:
+def _summarise_drift(drift: Drift) -> dict[str, Any]:
+    return {
+        "reference_cycle_index": drift.reference_cycle_index,
+        "usual_shape_distance_mm": drift.usual_shape_distance_mm,
+        "changes": [asdict(change) for change in drift.changes],
+        "trends": [asdict(trend) for trend in drift.trends],
+    }
+
+
+def to_plain(value: Any) -> Any:
     """Return plain JSON data; a number that is not finite becomes null."""
     if isinstance(value, Mapping):
-        return {str(key): _jsonable(one) for key, one in value.items()}
+        return {str(key): to_plain(one) for key, one in value.items()}
     if isinstance(value, list | tuple | np.ndarray):
-        return [_jsonable(one) for one in value]
+        return [to_plain(one) for one in value]
     if isinstance(value, np.generic):
         value = value.item()
     return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -12,14 +12,13 @@ import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
 from bench.analysis.chain_costs import BINS, MOST_END_COST, MOST_GAP
+from bench.analysis.kernels.chain_places import MOST_POINTS, gather_points, measure_pairs, sort_neighbours
 from bench.analysis.kernels.compiling import compiled
 
 __all__ = ["CAP", "search_chains"]
 
 CAP = 8.0
 """Largest margin that is told apart, in nats: odds of one to 3000."""
-MOST_POINTS = 200
-"""Points within the cable's reach in one frame; with more, the frame is left unsorted."""
 MOST_PAIRS = 20_000
 MOST_STEPS = 100_000
 """Pairs, and steps from a marker to a next one, kept of one frame; a frame that has more is in doubt everywhere."""
@@ -51,47 +50,6 @@ def turn_cost(way: Floats, first: int, middle: int, last: int, table: Floats) ->
 
 
 @compiled
-def measure_pairs(place: Floats, n: int, distance: Floats, way: Floats) -> None:
-    """Fill the distances (n, n) and unit vectors (n, n, 3) between n places."""
-    for i in range(n):
-        distance[i, i] = 0.0
-        for j in range(i):
-            x, y, z = place[j, 0] - place[i, 0], place[j, 1] - place[i, 1], place[j, 2] - place[i, 2]
-            length = np.sqrt(x * x + y * y + z * z)
-            distance[i, j] = distance[j, i] = length
-            scale = 1.0 / max(length, 1e-9)
-            way[i, j, 0], way[i, j, 1], way[i, j, 2] = x * scale, y * scale, z * scale
-            way[j, i, 0], way[j, i, 1], way[j, i, 2] = -x * scale, -y * scale, -z * scale
-
-
-@compiled
-def gather_points(
-    points_m: Floats32,
-    usable: Bools,
-    first: int,
-    last: int,
-    anchor_m: Floats,
-    reach_m: float,
-    place: Floats,
-    index: Ints,
-) -> int:
-    """Fill in the places and rows of the points that may be the cable's; return how many there are."""
-    n = 0
-    for row in range(first, last):
-        x, y, z = points_m[row, 0], points_m[row, 1], points_m[row, 2]
-        if not (usable[row] and np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
-            continue
-        # against an unknown anchor, a NaN, nothing is too far
-        if (x - anchor_m[0]) ** 2 + (y - anchor_m[1]) ** 2 + (z - anchor_m[2]) ** 2 > reach_m * reach_m:
-            continue
-        if n < MOST_POINTS:
-            place[n, 0], place[n, 1], place[n, 2] = x, y, z
-            index[n] = row - first
-        n += 1
-    return n
-
-
-@compiled
 def close_chains(
     n: int, ends_known: bool, distance: Floats, ends: Floats, end_costs: Floats, hidden: Floats, closing: Floats
 ) -> None:
@@ -105,18 +63,6 @@ def close_chains(
                     closing[m, j] += MOST_END_COST
                 else:
                     closing[m, j] += look_up(end_costs[m], (apart - ends[m, 0]) * ends[m, 2])
-
-
-@compiled
-def sort_neighbours(n: int, distance: Floats, near: Ints, near_m: Floats) -> None:
-    """List for each of n + 1 places the n points by distance, and these distances."""
-    for j in range(n + 1):
-        for c in range(n):
-            apart, at = distance[j, c], c
-            while at > 0 and near_m[j, at - 1] > apart:
-                near_m[j, at], near[j, at] = near_m[j, at - 1], near[j, at - 1]
-                at -= 1
-            near_m[j, at], near[j, at] = apart, c
 
 
 @compiled
@@ -156,12 +102,12 @@ def list_steps(
                 while at < n and near_m[j, at] < low:
                     at += 1
                 for place in range(at, n):
-                    if near_m[j, place] > high or count == MOST_STEPS:
+                    apart, c = near_m[j, place], near[j, place]
+                    if not apart <= high or count == MOST_STEPS:  # from an unknown anchor it is NaN
                         break
-                    c = near[j, place]
                     if c == j or ahead[to, c] == FAR:
                         continue
-                    cost = look_up(table, (near_m[j, place] - low) * scale)
+                    cost = look_up(table, (apart - low) * scale)
                     least = min(least, cost + turn + ahead[to, c])
                     own[count], steps[count, 0], steps[count, 1] = cost, g, c
                     count += 1

@@ -21,6 +21,7 @@ from bench.config import Config
 from bench.errors import AnalysisError
 from bench.recording import Run
 from bench.report.cycles import place_frames
+from bench.report.ends import AT_THE_TCP
 from bench.report.facts import count_driven
 from bench.report.markers import find_chain_start, list_points
 from bench.report.source import RobotSamples, TrackerFrames, read_account
@@ -86,7 +87,7 @@ class SortedCable:
         in_base = (beside - lab.shift_m) @ lab.rotation
         in_tcp = (in_base - place[:, None]) @ turn
         try:
-            return estimate_clamp_direction(in_tcp - np.array(end.clamp_m))
+            return estimate_clamp_direction(in_tcp - np.array(end.clamp_m or AT_THE_TCP))
         except AnalysisError as error:
             warnings.append(str(error))
             return None

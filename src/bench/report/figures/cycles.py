@@ -14,7 +14,16 @@ from bench.report.figures.axes import add_radius_axis, draw_limit, say_nothing_t
 from bench.report.figures.svg import INK, MUTED, PALE, WARNING_INK, drawing, new_figure, to_svg
 from bench.report.results import Results
 
-__all__ = ["GROUPS_LIMIT", "completeness_figure", "cycles_figure", "cycles_per_group"]
+__all__ = [
+    "FEW",
+    "GROUPS_LIMIT",
+    "completeness_figure",
+    "cycles_figure",
+    "cycles_per_group",
+    "fold",
+    "label_cycle_axis",
+    "median_of_rows",
+]
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -91,7 +100,7 @@ def _draw_cycles(axes: Axes, results: Results) -> None:
     axes.set_ylim(bottom, top)
     _mark_crossings(axes, groups, limit_per_m, top)
     _mark_attention(axes, results)
-    _label_cycle_axis(axes, results)
+    label_cycle_axis(axes, results)
     axes.set_ylabel("largest curvature (1/m)")
     draw_limit(axes, limit_per_m)
     add_radius_axis(axes)
@@ -106,25 +115,25 @@ def _draw_lone_band(axes: Axes, groups: _Groups) -> None:
 def _grouped(results: Results) -> _Groups:
     cycles = results.cycles
     size = cycles_per_group(cycles.cycle_index.size)
-    value = _folded(cycles.max_curvature_per_m, size)
-    sigma = _folded(np.nan_to_num(cycles.max_curvature_sigma_per_m), size)
+    value = fold(cycles.max_curvature_per_m, size)
+    sigma = fold(np.nan_to_num(cycles.max_curvature_sigma_per_m), size)
     masked = np.ma.masked_invalid(value)
     return _Groups(
-        cycle=_filled(np.ma.masked_invalid(_folded(cycles.cycle_index.astype(float), size)).mean(axis=1)),
-        middle=_middle(value),
+        cycle=_filled(np.ma.masked_invalid(fold(cycles.cycle_index.astype(float), size)).mean(axis=1)),
+        middle=median_of_rows(value),
         low=np.maximum(_filled((masked - 2 * sigma).min(axis=1)), 0.0),
         high=_filled((masked + 2 * sigma).max(axis=1)),
         largest=_filled(masked.max(axis=1)),
     )
 
 
-def _middle(value: Floats) -> Floats:
+def median_of_rows(value: Floats) -> Floats:
     """Return the median of each row, NaN for a row of NaN (where `numpy.nanmedian` would warn)."""
     seen: npt.NDArray[np.bool_] = np.asarray(np.isfinite(value).any(axis=1))
     return np.where(seen, np.nanmedian(np.where(seen[:, None], value, 0.0), axis=1), np.nan)
 
 
-def _folded(column: Floats, size: int) -> Floats:
+def fold(column: Floats, size: int) -> Floats:
     """Return the column as rows of `size` neighbours, the last row filled up with NaN."""
     missing = -column.size % size
     return np.concatenate([column, np.full(missing, np.nan)]).reshape(-1, size)
@@ -185,8 +194,8 @@ def _mark_attention(axes: Axes, results: Results) -> None:
 def _draw_completeness(axes: Axes, results: Results) -> None:
     cycles = results.cycles
     size = cycles_per_group(cycles.cycle_index.size)
-    share = np.ma.masked_invalid(_folded(cycles.complete_fraction, size))
-    place = _filled(np.ma.masked_invalid(_folded(cycles.cycle_index.astype(float), size)).mean(axis=1))
+    share = np.ma.masked_invalid(fold(cycles.complete_fraction, size))
+    place = _filled(np.ma.masked_invalid(fold(cycles.cycle_index.astype(float), size)).mean(axis=1))
     lowest = _filled(share.min(axis=1))
     if lowest.size <= FEW:
         axes.bar(place, lowest, width=0.7, color=PALE, edgecolor=INK, linewidth=0.6)
@@ -197,10 +206,11 @@ def _draw_completeness(axes: Axes, results: Results) -> None:
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
     axes.set_yticks([0, 0.5, 1.0])
     axes.set_ylabel("complete frames" if size == 1 else "complete frames\n(least of group)")
-    _label_cycle_axis(axes, results)
+    label_cycle_axis(axes, results)
 
 
-def _label_cycle_axis(axes: Axes, results: Results) -> None:
+def label_cycle_axis(axes: Axes, results: Results) -> None:
+    """Give an axis the run's cycles, from the first to the last."""
     first, last = float(results.cycles.cycle_index.min()), float(results.cycles.cycle_index.max())
     margin = max(0.01 * (last - first), 0.6, (PLACES_AT_LEAST - (last - first)) / 2)
     axes.set_xlim(first - margin, last + margin)
