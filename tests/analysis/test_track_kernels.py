@@ -67,6 +67,12 @@ def test_a_bridge_joins_place_and_speed_on_both_sides() -> None:
     nothing = agree(motion_bridges.bridge_motion, onward, back, -1, -1, *bridge, np.zeros(3), out=(7,))
     assert np.isinf(np.asarray(nothing[0], dtype=float))
     before, after = agree(motion_bridges.find_neighbours_in_time, seen)
+    parted = place + np.where(np.arange(len(place)) < 15, 0.0, 0.01)[:, None]
+    ways = filtered(seen, parted)
+    steps = agree(
+        motion_bridges.measure_steps, *ways, parted, np.full(len(place), 1e-8), np.asarray(before), seen, TIME_S, 0.5
+    )[0]
+    assert np.argmax(np.asarray(steps)) == 15
     assert (np.asarray(before)[10], np.asarray(after)[10], np.asarray(before)[0]) == (7, 13, -1)
 
 
@@ -112,7 +118,7 @@ def test_fitting_agrees_with_its_python() -> None:
 @pytest.mark.parametrize("apart_m", [0.0, 0.004, 0.05])
 def test_the_farther_off_the_less_likely(apart_m: float) -> None:
     near, far = (
-        np.asarray(agree(track_fits._log_density, square, 1e-6, 3, 1e-3)[0], dtype=float)
+        np.asarray(agree(track_fits._log_density, square, 1e-6, 3)[0], dtype=float)
         for square in (apart_m**2, (apart_m + 0.001) ** 2)
     )
     assert near >= far

@@ -12,14 +12,19 @@ from bench.analysis.marker_motion import MarkerMotion
 from bench.analysis.point_tracks import PointTracks
 from bench.analysis.track_votes import LONG_S
 
-__all__ = ["FreeFit", "MarkerFit", "MarkerPlaces"]
+__all__ = ["FREE_SHARE", "WINDOW", "FreeFit", "MarkerFit", "MarkerPlaces"]
 
-FREE_SHARE = 0.8
+FREE_SHARE = 0.5
 """Of a track's frames: in the others the marker has another point, as where a track begins beside its own end."""
 WINDOW = 2
 """Rows before and after a point that are left out with it: half of the ghosts live four frames."""
 JUMP_SIGMAS = 4.0
 """A point farther off the line of its neighbours in time is looked at more closely: of normal noise 1 in 900."""
+STEP_SIGMAS = 6.0
+"""Of normal noise 1 in ten million steps is larger, and parting a track there costs nothing."""
+JOINED_ODDS = 4.4
+"""The logarithm of 80, for each end of a short track at which the marker is seen in the very next row: a marker is
+hidden in one row of twenty, and of ghosts that live four frames one in four comes in just that row."""
 DOUBTED = -1.0
 """Log odds of a labeled point at which it is taken away: it was the only one there, which speaks for it."""
 
@@ -138,7 +143,7 @@ class MarkerFit:
     def find_doubtful(self) -> tuple[Bools, Floats]:
         """Return the rows (F,) whose point does not fit between those before and after it, and how far it jumps (F,).
 
-        The jump is the largest of the rows beside it, in squares of standard deviations.
+        The jump is in squares of standard deviations.
         """
         from bench.analysis.kernels.track_fits import measure_jumps
 
@@ -146,10 +151,26 @@ class MarkerFit:
         jumps = measure_jumps(
             self._apart, self._before, self._after, self._own >= 0, time_s, self._variance, self._jolt
         )
-        jumps = maximum_filter1d(jumps, 2 * WINDOW + 1)
+        close = maximum_filter1d(jumps, 2 * WINDOW + 1) > JUMP_SIGMAS**2
         first, last = np.maximum(rows - WINDOW, 0), np.minimum(rows + WINDOW, len(rows) - 1)
-        scores = self._fit_own(np.where(jumps > JUMP_SIGMAS**2, first, -1), last)
+        scores = self._fit_own(np.where(close, first, -1), last)
         return scores < DOUBTED, jumps
+
+    def find_steps(self) -> Bools:
+        """Return the rows (F,) whose point is apart from the one before it, by the motion up to that and from here."""
+        from bench.analysis.kernels.motion_bridges import measure_steps
+
+        steps = measure_steps(
+            self._onward,
+            self._back,
+            self._apart,
+            self._variance,
+            self._before,
+            self._own >= 0,
+            self._tracks.time_s,
+            self._jolt,
+        )
+        return np.asarray(steps > STEP_SIGMAS**2)
 
     def find_loose(self, label: Ints, vote_odds: Floats) -> Bools:
         """Return the marker's short tracks (T,) that do not fit what it does before and after them.
@@ -170,7 +191,9 @@ class MarkerFit:
         scores = self._fit_own(first, last)[asked]
         count = np.bincount(track[asked], minlength=len(tracks))
         odds = np.bincount(track[asked], scores, len(tracks)) / np.maximum(count, 1) + vote_odds[:, self._marker]
-        return np.asarray((count > 0) & (odds < 0))
+        seen = np.concatenate([[False], self._own >= 0, [False]])
+        n_joined = seen[tracks.first].astype(np.int64) + seen[tracks.last + 2]
+        return np.asarray((count > 0) & (odds + JOINED_ODDS * n_joined < DOUBTED))
 
     def _fit_own(self, first: Ints, last: Ints) -> Floats:
         from bench.analysis.kernels.track_fits import fit_labeled

@@ -19,9 +19,9 @@ MEASURED_FRAMES = 300
 TURN_S = 0.05
 """Acceleration is measured over steps of this: over a single one of 100 Hz, noise of 0.2 mm hides 10 m/s²."""
 LARGEST_RATIO = 10.0
-"""Of the usual acceleration: of the real cables' points 99.9 % stay below."""
+"""Of the usual acceleration: on a real cable, gates so wide refuse one link in a thousand."""
 NOISE_RATIO = 3.0
-"""Of the usual turn by noise: of normal noise 99.999 % stays below."""
+"""Of the usual turn by noise, which is its median: normal noise stays below but once in ten thousand."""
 LONGEST_S = 0.05
 LONGEST_STEPS = 2.5
 """A track goes on over so long a gap, or over two missed frames of a slow tracker: longer ones are bridged from both

@@ -5,13 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.gates import SortSettings
-from bench.analysis.marker_fit import FREE_SHARE, MarkerFit, MarkerPlaces
+from bench.analysis.marker_fit import FREE_SHARE, WINDOW, MarkerFit, MarkerPlaces
 from bench.analysis.marker_motion import REACH, MarkerMotion, learn_motion
 from bench.analysis.point_tracks import PointTracks
-from bench.analysis.track_votes import LONG_S, TrackVotes, log_odds
+from bench.analysis.track_votes import LONG_S, TrackVotes, find_turn, log_odds
 
 __all__ = ["TrackLabels", "label_by_votes"]
 
@@ -25,8 +26,8 @@ LEAD = 3.0
 """Log odds at which a track is taken for a marker's, and by which it must lead over others for the same place."""
 MIXED = 3.0
 FEW_POINTS = 3
-"""Of two or three points linked as they came up, one may be a marker's and another a ghost's: they are taken one by one
-once one of them fits so well."""
+"""Of points linked as they came up, some may be a marker's and others a ghost's: once one of them fits so well, two or
+three are taken one by one, and longer tracks parted where they turn most."""
 MOST_RIVALS = 3
 
 
@@ -72,6 +73,7 @@ class TrackLabels:
         n_points, source = len(self.tracks.points_m), self.places.source
         fits = np.full((len(self.tracks), len(source)), -np.inf)
         doubtful, jumps = np.zeros(source.shape, dtype=bool), np.zeros(source.shape)
+        parted = np.zeros(n_points, dtype=bool)
         loose, mixed = np.zeros(len(self.tracks), dtype=bool), np.zeros(len(self.tracks), dtype=bool)
         is_free = np.ones(n_points, dtype=bool)
         is_free[source[source >= 0]] = False
@@ -81,14 +83,19 @@ class TrackLabels:
             possible, odds = (free.n_points > 0) & (self.label < 0), self.vote_odds[:, marker]
             accepted = possible & (free.bounded + odds > ACCEPTED)
             fits[accepted, marker] = (free.mean + odds)[accepted]
-            mixed |= possible & ~accepted & (free.best > MIXED) & (free.n_points <= FEW_POINTS)
+            mixed |= possible & ~accepted & (free.best > MIXED)
             if doubts:
                 doubtful[marker], jumps[marker] = fit.find_doubtful()
+                parted[source[marker, fit.find_steps()]] = True
                 loose |= fit.find_loose(self.label, self.vote_odds)
         alone = np.zeros(n_points, dtype=bool)
         alone[source[_find_culprits(doubtful, jumps)]] = True
         n_changed = self._drop(loose) + self._take(fits)
-        return n_changed + self._cut(alone | (mixed & (self.label < 0))[self.tracks.track])
+        mixed &= self.label < 0
+        few = np.diff(self.tracks.begins) <= FEW_POINTS
+        alone |= (mixed & few)[self.tracks.track]
+        parted[[find_turn(self.tracks, track) for track in np.flatnonzero(mixed & ~few).tolist()]] = True
+        return n_changed + self._cut(alone, parted)
 
     def _take_away(self, motion: MarkerMotion) -> None:
         """Unlabel at last what breaks the motion before and after it."""
@@ -156,11 +163,15 @@ class TrackLabels:
             rivals[a[alike]] = rivals[b[alike]] = True
         return rivals
 
-    def _cut(self, doubtful: Bools) -> int:
-        """Make each doubtful point (N,) a track of its own, without a label, and ask what is left for its votes."""
-        if not doubtful.any():
+    def _cut(self, doubtful: Bools, parted: Bools) -> int:
+        """Make each doubtful point (N,) a track of its own, without a label, and ask what is left for its votes.
+
+        Where points (N,) are apart from those before them the track is only parted, so that a ghost's share of it is
+        judged by itself the next time.
+        """
+        if not (doubtful | parted).any():
             return 0
-        self.tracks, parents = self.tracks.cut(doubtful | self.tracks.find_next(doubtful))
+        self.tracks, parents = self.tracks.cut(doubtful | self.tracks.find_next(doubtful) | parted)
         self.label, self.confidence, self.by_fit = self.label[parents], self.confidence[parents], self.by_fit[parents]
         self.refused = self.refused[parents]
         votes, every = self.votes.count(self.tracks, len(self.places.source))
@@ -177,6 +188,7 @@ def _find_culprits(doubtful: Bools, jumps: Floats) -> Bools:
 
     A ghost makes the markers beside it doubtful too, for they seem not to move with it.
     """
+    jumps = maximum_filter1d(jumps, 2 * WINDOW + 1, axis=1)
     farthest = np.zeros_like(jumps)
     for step in range(1, REACH + 1):
         farthest[step:] = np.maximum(farthest[step:], jumps[:-step])

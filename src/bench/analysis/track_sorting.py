@@ -44,17 +44,18 @@ def sort_by_track(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
     -------
     SortedMarkers
         `MarkerReason.FOUND` where the chain search named the track, ``FILLED`` where it is the marker's by its motion.
-        The confidence of the former is the share of the votes.
+        The confidence of the former is the share of the votes. The notes are those of the chain search.
     """
     single = leave_out_twins(frames)
     if not single.usable.any():
         return replace(sort_by_chain(single, settings), method="track")
     tracks = link_tracks(single)
     rows = choose_voting_rows(tracks)
-    votes = collect_votes(tracks, rows, sort_by_chain(single.take(tracks.frame[rows]), settings))
+    single_frames = sort_by_chain(single.take(tracks.frame[rows]), settings)
+    votes = collect_votes(tracks, rows, single_frames)
     labels = label_by_votes(split_by_votes(tracks, votes), votes, settings.n_markers)
     labels.complete(settings)
-    return _list_markers(frames, labels, settings)
+    return replace(_list_markers(frames, labels, settings), notes=single_frames.notes)
 
 
 def _list_markers(frames: PointFrames, labels: TrackLabels, settings: SortSettings) -> SortedMarkers:

@@ -11,11 +11,11 @@ from bench.analysis.arrays import Floats, Ints
 from bench.analysis.markers import SortedMarkers
 from bench.analysis.point_tracks import PointTracks
 
-__all__ = ["LONG_S", "TrackVotes", "choose_voting_rows", "collect_votes", "log_odds", "split_by_votes"]
+__all__ = ["LONG_S", "TrackVotes", "choose_voting_rows", "collect_votes", "find_turn", "log_odds", "split_by_votes"]
 
 LONG_S = 0.15
 """Three in four ghost markers live 4 frames: a track of 15 frames at 100 Hz is a marker's, or a reflection's."""
-EVERY_S = 0.5
+EVERY_S = 0.1
 VOTES_PER_TRACK = 5
 """The chain search is wrong in 4 to 6 % of frames, often for many frames on end: five spread ones outvote that."""
 HALF_VOTE = 0.5
@@ -52,7 +52,7 @@ def log_odds(votes: Floats, every: Floats) -> Floats:
 
 
 def choose_voting_rows(tracks: PointTracks) -> Ints:
-    """Return the rows in which the chain search is asked: twice a second, and five spread over each long track."""
+    """Return the rows in which the chain search is asked: ten times a second, and five spread over each long track."""
     n_rows, time_s = len(tracks.time_s), tracks.time_s
     chosen = np.zeros(n_rows, dtype=bool)
     chosen[np.searchsorted(time_s, np.arange(EVERY_S / 2, time_s[-1], EVERY_S))] = True
@@ -99,7 +99,8 @@ def split_by_votes(tracks: PointTracks, votes: TrackVotes) -> PointTracks:
             continue
         at = _find_change(marker[low:high])
         if at:
-            begins[_find_turn(tracks, track, point[low + at - 1], point[low + at])] = True
+            early, late = tracks.row[point[low + at - 1 : low + at + 1]]
+            begins[find_turn(tracks, track, int(early), int(late))] = True
     return tracks.cut(begins)[0]
 
 
@@ -111,13 +112,14 @@ def _find_change(marker: Ints) -> int:
     return at if changes and agreed[at - 1] >= np.bincount(marker).max() + CHANGED_VOTES else 0
 
 
-def _find_turn(tracks: PointTracks, track: int, early: int, late: int) -> int:
-    """Return the point of a track at which its speed changes most, after `early` and up to `late`."""
+def find_turn(tracks: PointTracks, track: int, early: int | None = None, late: int | None = None) -> int:
+    """Return the point of a track at which its speed changes most, after row `early` and up to row `late`."""
     members = tracks.members[tracks.begins[track] : tracks.begins[track + 1]]
-    place, time_s = tracks.points_m[members], tracks.time_s[tracks.row[members]]
-    speed = np.diff(place, axis=0) / np.maximum(np.diff(time_s), 1e-9)[:, None]
+    rows = tracks.row[members]
+    speed = np.diff(tracks.points_m[members], axis=0) / np.maximum(np.diff(tracks.time_s[rows]), 1e-9)[:, None]
     turn = np.zeros(len(members))
     turn[1:] += np.linalg.norm(np.diff(speed, axis=0, prepend=speed[:1]), axis=1)
     turn[1:-1] += np.linalg.norm(np.diff(speed, axis=0), axis=1)
-    low, high = np.searchsorted(tracks.row[members], tracks.row[[early, late]])
-    return int(members[low + 1 + turn[low + 1 : high + 1].argmax()])
+    low = 1 if early is None else int(np.searchsorted(rows, early)) + 1
+    high = len(rows) if late is None else int(np.searchsorted(rows, late)) + 1
+    return int(members[low + turn[low:high].argmax()])

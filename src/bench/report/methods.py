@@ -35,7 +35,7 @@ SORTING = {
     "itself; a wrong marker shows as a bend that is not there.",
     "track": "Points are joined into tracks through time, the most probable chain of single frames names the tracks, "
     "and where a marker is hidden only a point that fits its motion before and after is taken. On a real cable with "
-    "many ghosts 99.9 % of the frames were exact and 0.03 % had a wrong label; a ghost that rides along within a few "
+    "many ghosts 99.8 % of the frames were exact and 0.03 % had a wrong label; a ghost that rides along within a few "
     "millimetres of a hidden marker can still take its place. Markers filled in between tracks are marked.",
 }
 CURVATURE = {

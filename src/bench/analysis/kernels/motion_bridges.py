@@ -7,9 +7,9 @@ import numpy.typing as npt
 
 from bench.analysis.kernels.compiling import compiled
 
-__all__ = ["bridge_motion", "filter_motion", "find_neighbours_in_time"]
+__all__ = ["bridge_motion", "filter_motion", "find_neighbours_in_time", "measure_steps"]
 
-LASTING_S = 0.2
+LASTING_S = 0.05
 """Seen from one side only, a cable's acceleration lasts, and leads it away faster than noise does."""
 
 Floats = npt.NDArray[np.float64]
@@ -121,3 +121,35 @@ def bridge_motion(
     place_m[1] = y + gain * (behind[1] + behind[4] * dt - y) - drift * (behind[4] + ahead[4])
     place_m[2] = z + gain * (behind[2] + behind[5] * dt - z) - drift * (behind[5] + ahead[5])
     return float(max(pp - gain * pp - drift * pv, 0.0))
+
+
+@compiled
+def measure_steps(
+    onward: Floats,
+    back: Floats,
+    place_m: Floats,
+    variance_m2: Floats,
+    before: Ints,
+    seen: Bools,
+    time_s: Floats,
+    jolt_m2_s3: float,
+) -> Floats:
+    """Return how far each seen row (F,) is from where the motion before leads, or the row before from that after.
+
+    The smaller of both, square over variance: a single point that is off makes one of them large, a change for good
+    both. 0 where there is no row before.
+    """
+    steps, there = np.zeros(len(seen)), np.zeros(3)
+    for row in range(len(seen)):
+        early = before[row]
+        if not seen[row] or early < 0:
+            continue
+        smallest = np.inf
+        for now, state_before, state_after in ((row, early, -1), (early, -1, row)):
+            variance = bridge_motion(onward, back, state_before, state_after, time_s, time_s[now], jolt_m2_s3, there)
+            square = 0.0
+            for axis in range(3):
+                square += (place_m[now, axis] - there[axis]) ** 2
+            smallest = min(smallest, square / (variance + variance_m2[now]))
+        steps[row] = smallest
+    return steps
