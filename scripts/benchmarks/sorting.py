@@ -17,8 +17,8 @@ import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from bench.analysis import PointFrames, SortSettings, sort_automatically, sort_by_chain, sort_by_paper
-from bench.analysis.phase_learning import learn_cycle
-from bench.analysis.phase_sorting import sort_by_template
+from bench.analysis.sorting.phase_learning import learn_cycle
+from bench.analysis.sorting.phase_sorting import sort_by_template
 from bench.simulation.made_motions import HELD_OUT
 from bench.simulation.made_takes import HARD, USUAL, Conditions, MadeTake, make_take
 from benchmarks.table import Row, ratio_row

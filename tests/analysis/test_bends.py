@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis import average_by_phase, find_largest_bend, find_tighter, summarise_cycles
-from bench.analysis.local_average import average_peaks, estimate_noise_variance, find_stretches
+from bench.analysis.curvature.local_average import average_peaks, estimate_noise_variance, find_stretches
 
 PLACES = np.linspace(0.1, 1.0, 5)
 

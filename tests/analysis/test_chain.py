@@ -17,7 +17,7 @@ from bench.analysis import (
     sort_by_chain,
     sort_by_paper,
 )
-from bench.analysis.chain_costs import ChainPrior, make_costs
+from bench.analysis.sorting.chain_costs import ChainPrior, make_costs
 from bench.errors import TooFewMarkersError
 
 SEEDS = st.integers(0, 2**32 - 1)

@@ -8,13 +8,13 @@ from curve_examples import Known, make_rods
 from rod_examples import LENGTH_M, STIFFNESS, Solved, bend_in_space, hang_rod, hold_both, know
 
 from bench.analysis import ClampedEnds, CurveEstimate, fit_elastica
-from bench.analysis.elastica import fit_rod
+from bench.analysis.curvature.elastica import fit_rod
+from bench.analysis.curvature.rod_frames import find_cells, place_in_rod
+from bench.analysis.curvature.rod_law import FittedLaw
+from bench.analysis.curvature.rod_mesh import make_rod_mesh
+from bench.analysis.curvature.rod_reading import read_cells
+from bench.analysis.curvature.rod_shapes import RodModel
 from bench.analysis.kernels import normal, rod, rod_balance, rod_reading
-from bench.analysis.rod_frames import find_cells, place_in_rod
-from bench.analysis.rod_law import FittedLaw
-from bench.analysis.rod_mesh import make_rod_mesh
-from bench.analysis.rod_reading import read_cells
-from bench.analysis.rod_shapes import RodModel
 from bench.errors import AnalysisError
 
 NOISE_M = 2e-4

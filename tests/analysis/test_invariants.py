@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from take_examples import frames_of, settings_of
 
 from bench.analysis import MarkerReason, PointFrames, SortedMarkers, SortSettings, take_broken_away
-from bench.analysis.gates import make_gates
-from bench.analysis.invariants import find_leaps, find_shared_points, find_wrong_spacings
+from bench.analysis.sorting.gates import make_gates
+from bench.analysis.sorting.invariants import find_leaps, find_shared_points, find_wrong_spacings
 from bench.simulation.made_motions import HELD_OUT
 from bench.simulation.made_takes import USUAL, make_take
 

@@ -10,10 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.analysis import ESTIMATORS, CableEnd, ClampedEnds, CurveEstimate, fit_menger_gp, fit_spline, get_estimator
+from bench.analysis.curvature.menger_chain import make_chain
+from bench.analysis.curvature.menger_prior import Layout, integrate_matern, make_prior
+from bench.analysis.curvature.menger_smoothness import Sighting, learn_smoothness, measure_widening
 from bench.analysis.kernels.menger import apply_weights, measure_bends
-from bench.analysis.menger_chain import make_chain
-from bench.analysis.menger_prior import Layout, integrate_matern, make_prior
-from bench.analysis.menger_smoothness import Sighting, learn_smoothness, measure_widening
 
 SEEDS = st.integers(0, 2**32 - 1)
 NOISE_M = 2e-4

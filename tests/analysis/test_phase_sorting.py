@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from take_examples import frames_of, settings_of
 
 from bench.analysis import MarkerReason, PointFrames, SortedMarkers, SortSettings, sort_by_chain, sort_by_phase
-from bench.analysis import phase_learning as learning
 from bench.analysis.kernels import phase_following as kernel
-from bench.analysis.phase_following import follow_frames
-from bench.analysis.phase_learning import learn_cycle
+from bench.analysis.sorting import phase_learning as learning
+from bench.analysis.sorting.phase_following import follow_frames
+from bench.analysis.sorting.phase_learning import learn_cycle
 from bench.simulation.made_motions import HELD_OUT, Motion
 from bench.simulation.made_takes import HARD, USUAL, Conditions, MadeTake, make_take
 

@@ -15,7 +15,7 @@ from bench.analysis import (
     sort_automatically,
     sort_by_chain,
 )
-from bench.analysis import sorting as choice
+from bench.analysis.sorting import sorters as choice
 from bench.simulation.made_motions import HELD_OUT
 from bench.simulation.made_takes import USUAL, make_take
 

@@ -8,8 +8,8 @@ from cable_examples import Floats
 from motion_examples import CABLE, move_cable, record
 
 from bench.analysis.kernels import motion_bridges, point_links, track_fits
-from bench.analysis.marker_motion import learn_motion
-from bench.analysis.point_tracks import leave_out_twins, link_tracks
+from bench.analysis.sorting.marker_motion import learn_motion
+from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks
 
 Loop = Callable[..., object]
 TIME_S = np.arange(0, 0.4, 0.02)

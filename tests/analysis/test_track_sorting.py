@@ -19,7 +19,7 @@ from bench.analysis import (
     sort_by_chain,
     track_sorting,
 )
-from bench.analysis.track_sorting import sort_by_track
+from bench.analysis.sorting.track_sorting import sort_by_track
 
 SEEDS = st.integers(0, 2**32 - 1)
 FEW = settings(max_examples=6, deadline=None)

@@ -1,0 +1,1 @@
+"""Robot and tracker in one space and one time, and what the cameras see."""

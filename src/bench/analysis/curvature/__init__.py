@@ -1,0 +1,1 @@
+"""The curve through the sorted markers, its curvature, and how sure both are."""

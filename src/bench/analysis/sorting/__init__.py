@@ -1,0 +1,1 @@
+"""Which point of a frame is which marker of the cable."""

@@ -1,0 +1,152 @@
+"""The sorter for a robot's cycles: a marker is where it was at the same place of the path in the cycles before."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from bench.analysis.arrays import Bools, Ints
+from bench.analysis.sorting.chain import sort_by_chain
+from bench.analysis.sorting.gates import SortSettings
+from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers
+from bench.analysis.sorting.phase_following import FollowedFrames, follow_frames
+from bench.analysis.sorting.phase_learning import (
+    FEWEST_CYCLES,
+    LEARNT_CYCLES,
+    count_usable,
+    learn_cycle,
+    rows_in_cycles,
+)
+from bench.analysis.sorting.phase_template import PhaseTemplate, lay_over_cycles, refresh_template
+
+__all__ = ["sort_by_phase", "sort_by_template"]
+
+BLOCK_CYCLES = 25
+"""After so many the template is refreshed: a cable that settles by 100 mm in 1000 cycles has moved by 2.5 mm then."""
+LOST_SHARE = 0.5
+"""A frame in which less than this part of what is in sight is found is left to the chain search."""
+CHANGED_SHARE = 0.3
+"""Where more of a cycle's frames are lost, the cable is not what was learnt."""
+CHECKED_FRAMES = 300
+"""Which the chain search sorts as well, spread over the recording."""
+
+
+def sort_by_phase(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
+    """Sort by the template of the robot's cycle, learnt from this recording's first good cycles.
+
+    The chain search sorts up to ten cycles; the median of each marker over them, for each place of the path, is the
+    template. In every frame each marker gets the point that is nearest to where the template and its own straying in
+    the frames before put it, within gates that the scatter of the learnt cycles sets. Every 25 cycles the template
+    follows what the cable has become since. Where most frames of five cycles fit it no longer, as after a slip in a
+    clamp, it is learnt anew from these. Frames in which it finds too little, and those outside cycles, are sorted by
+    the chain search.
+
+    Without five whole cycles each frame is sorted by itself, and a note says so.
+    """
+    template = learn_cycle(frames, settings)
+    if template is not None:
+        return sort_by_template(frames, settings, template)
+    chained = sort_by_chain(frames, settings)
+    note = f"Fewer than {FEWEST_CYCLES} whole cycles could be sorted to learn from: each frame is sorted by itself."
+    return replace(chained, notes=[note, *chained.notes])
+
+
+def sort_by_template(frames: PointFrames, settings: SortSettings, template: PhaseTemplate) -> SortedMarkers:
+    """Sort by a template of the cycle, as `sort_by_phase` does."""
+    work = _TemplateSorting(frames, settings)
+    work.sort_cycles(template)
+    notes = [*template.notes, _describe(template), *work.notes, work.compare_with_chain(), *work.sort_rest()]
+    return SortedMarkers.from_source(frames, work.source, work.confidence, work.reason, "phase", notes)
+
+
+def _describe(template: PhaseTemplate) -> str:
+    return (
+        f"The template of the cycle was learnt from {template.n_cycles} cycles; a cycle strays from it by "
+        f"{template.cycle_sigma_m * 1e3:.1f} mm (standard deviation of the worst marker in each coordinate)."
+    )
+
+
+class _TemplateSorting:
+    """What is being written of F frames, first by the template, then by the chain search."""
+
+    def __init__(self, frames: PointFrames, settings: SortSettings) -> None:
+        shape = (len(frames), settings.n_markers)
+        self.source = np.full(shape, -1, dtype=np.int16)
+        self.confidence = np.zeros(shape, dtype=np.float32)
+        self.reason = np.full(shape, MarkerReason.NO_START, dtype=np.uint8)
+        self.notes: list[str] = []
+        self._frames, self._settings = frames, settings
+        self._cycle = np.full(len(frames), -1) if frames.cycle is None else frames.cycle
+        self._inside = rows_in_cycles(frames)
+        self._enough = LOST_SHARE * np.minimum(count_usable(frames), settings.n_markers)
+
+    def sort_cycles(self, template: PhaseTemplate) -> None:
+        """Sort the frames inside cycles, block by block."""
+        cycle = self._cycle[self._inside]
+        begin = np.flatnonzero(np.diff(cycle, prepend=cycle[:1] - 1))
+        for rows in np.split(self._inside, begin[BLOCK_CYCLES::BLOCK_CYCLES]):
+            if len(rows):
+                template = self._sort_block(rows, template)
+
+    def _sort_block(self, rows: Ints, template: PhaseTemplate) -> PhaseTemplate:
+        """Sort the frames of some cycles and return the template for the next ones."""
+        followed = self._follow(rows, template)
+        cycle = self._cycle[rows]
+        begin = np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))
+        lost = np.add.reduceat(self._is_lost(rows), begin) > CHANGED_SHARE * np.diff(np.append(begin, len(rows)))
+        if lost.sum() >= FEWEST_CYCLES:
+            beyond = rows[np.repeat(lost, np.diff(np.append(begin, len(rows))))]
+            newer = learn_cycle(self._frames.take(beyond), self._settings)
+            if newer is not None:
+                self.notes.append(f"The cable changed: its cycle was learnt anew at cycle {cycle[begin[lost][0]]}.")
+                self._follow(beyond, newer)
+                return newer
+        latest = slice(int(begin[-LEARNT_CYCLES:][0]), None)
+        return _refresh(self._frames.take(rows[latest]), followed.take(latest), template)
+
+    def _follow(self, rows: Ints, template: PhaseTemplate) -> FollowedFrames:
+        followed = follow_frames(self._frames, rows, template)
+        self.source[rows], self.confidence[rows], self.reason[rows] = (
+            followed.source,
+            followed.confidence,
+            followed.reason,
+        )
+        return followed
+
+    def _is_lost(self, rows: Ints) -> Bools:
+        """Return (C,) where less is found than should be of what is in sight."""
+        return np.asarray((self.source[rows] >= 0).sum(axis=1) < self._enough[rows], dtype=bool)
+
+    def compare_with_chain(self) -> str:
+        """Ask the chain search in some frames, and return what to say of it."""
+        place = np.linspace(0, len(self._inside) - 1, min(CHECKED_FRAMES, len(self._inside)))
+        rows = self._inside[place.astype(np.int64)]
+        chained, ours = sort_by_chain(self._frames.take(rows), self._settings).source, self.source[rows]
+        contradicts = ((chained >= 0) & (ours >= 0) & (chained != ours)).any(axis=1)
+        return f"The chain search, asked in {len(rows)} frames, contradicts in {contradicts.mean():.1%} of them."
+
+    def sort_rest(self) -> list[str]:
+        """Sort frames outside cycles, and those that the template does not fit, each by itself; return what to say."""
+        outside = np.ones(len(self.source), dtype=bool)
+        outside[self._inside] = False
+        lost = self._is_lost(np.arange(len(outside))) & ~outside
+        alone = np.flatnonzero(outside | lost)
+        if not len(alone):
+            return []
+        chained = sort_by_chain(self._frames.take(alone), self._settings)
+        better = outside[alone] | ((chained.source >= 0).sum(axis=1) > (self.source[alone] >= 0).sum(axis=1))
+        rows = alone[better]
+        self.source[rows], self.reason[rows] = chained.source[better], chained.reason[better]
+        self.confidence[rows] = chained.marker_confidence[better]
+        notes = [f"{outside.sum()} frames outside any cycle are sorted each by itself."] if outside.any() else []
+        if lost.any():
+            notes.append(f"In {lost.sum()} frames the template fits less than half of the markers in sight.")
+        return notes
+
+
+def _refresh(frames: PointFrames, followed: FollowedFrames, template: PhaseTemplate) -> PhaseTemplate:
+    cycle, phase = np.asarray(frames.cycle), np.asarray(frames.phase)
+    cycles = cycle[np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))]
+    laid = lay_over_cycles(followed.sure_positions(frames), cycle, phase, cycles.tolist(), len(template.position_m) - 1)
+    return refresh_template(template, laid)

@@ -1,0 +1,1 @@
+"""How wrong the methods are: known shapes, and one motion against another."""
