@@ -238,3 +238,14 @@ def test_the_compiled_search_does_what_its_python_does(monkeypatch: pytest.Monke
         results.append((slot, margin))
     assert np.array_equal(results[0][0], results[1][0])
     assert results[0][1] == pytest.approx(results[1][1], abs=1e-5)
+
+
+def test_an_even_ring_without_ends_is_sorted_as_the_paper_does_where_that_finds_more_whole_cables() -> None:
+    angle = np.arange(8) * 0.75
+    ring = 0.4 * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
+    known = SortSettings(tuple(0.3 * (i + 1) for i in range(8)), stretch=0.02, shorten=0.4, tolerance_m=0.004)
+    scene = make_scene(np.random.default_rng(7), np.repeat(ring[None], 30, axis=0), noise_m=1e-4)
+    found = sort_by_chain(scene.frames(None), known)
+    assert found.method == "paper"
+    assert "paper's chain finds more whole cables" in found.notes[0]
+    assert np.array_equal(found.source, scene.source) or np.array_equal(found.source, scene.source[:, ::-1])

@@ -17,8 +17,8 @@ from bench.analysis import (
     SortSettings,
     get_sorter,
     sort_by_chain,
-    track_sorting,
 )
+from bench.analysis.sorting import track_sorting
 from bench.analysis.sorting.track_sorting import sort_by_track
 
 SEEDS = st.integers(0, 2**32 - 1)

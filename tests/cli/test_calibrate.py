@@ -143,7 +143,7 @@ def test_a_run_carries_its_calibration_and_the_report_uses_it(lab: Path, found: 
     summary = json.loads((lab / "with" / "summary.json").read_text(encoding="utf-8"))
     assert summary["calibration"]["time"]["offset_ms"] == found.time.offset_ms
     assert summary["run_facts"]["Time offset"].startswith(f"{found.time.offset_ms:+.3f} ms")
-    assert summary["methods"]["sorting"] == "paper, from both ends"
+    assert summary["methods"]["sorting"] == "track"
     assert summary["complete_fraction"] < 0.8
     with_end = read_columns(lab / "with" / "ends.parquet")
     markers = read_columns(lab / "with" / "markers.parquet")

@@ -20,9 +20,15 @@ from bench.analysis.sorting.chain_spacing import SpacingCalibration, calibrate_s
 from bench.analysis.sorting.free_chain import orient_alike
 from bench.analysis.sorting.gates import SortSettings
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
+from bench.analysis.sorting.paper import sort_by_paper
 from bench.errors import TooFewMarkersError
 
 __all__ = ["sort_by_chain"]
+
+GREEDY_NOTE = (
+    "Nothing tells where the cable starts, and its spacings are the same from both ends, so nothing could be learnt of "
+    "how it bends: the paper's chain finds more whole cables than the most probable chain."
+)
 
 
 def sort_by_chain(
@@ -63,6 +69,9 @@ def sort_by_chain(
     settings, prior = measured.settings, measured.prior
     if frames.anchor_m is None and frames.end_m is None and is_alike_from_both_ends(settings):
         source, margin = _sort_with_one_direction(frames, settings, prior)
+        greedy = sort_by_paper(frames, settings)
+        if _count_whole(greedy.source) > _count_whole(source):
+            return replace(greedy, notes=[GREEDY_NOTE])
     else:
         source, margin = search(frames, settings, prior)
     confidence, reason = _confidence(source, margin), _reasons(frames, source, margin)
@@ -85,6 +94,10 @@ def _sort_with_one_direction(
     onwards = replace(prior, curvature_per_m=prior.curvature_per_m[1:], nodes_m=prior.nodes_m[:, 1:])
     later, margin = search(replace(frames, usable=usable, anchor_m=anchor), beyond, onwards)
     return np.concatenate([first[:, None], later], axis=1), np.concatenate([margin[:, :1], margin], axis=1)
+
+
+def _count_whole(source: Indices) -> int:
+    return int((source >= 0).all(axis=1).sum())
 
 
 def _confidence(source: Indices, margin: Floats32) -> Floats32:
