@@ -205,7 +205,7 @@ def test_cables_of_few_markers_are_sorted_from_their_anchor(n_markers: int) -> N
     scene = make_scene(np.random.default_rng(11), still)
     found = sort_by_chain(scene.frames(anchor(30)), cable)
     assert np.array_equal(found.source, scene.source)
-    assert found.notes == []
+    assert found.warnings == []
 
 
 def test_recordings_without_frames_and_cables_without_order() -> None:

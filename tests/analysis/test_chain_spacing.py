@@ -35,10 +35,10 @@ def test_a_marker_further_off_than_the_tolerance_is_named() -> None:
     true_m = np.array(ARC_LENGTH_M)
     true_m[3] += 0.009
     scene, anchor = make_take(true_m)
-    (note,) = calibrate_spacing(scene.frames(anchor), CABLE).notes
+    (note,) = calibrate_spacing(scene.frames(anchor), CABLE).warnings
     assert "1 of 8 markers" in note
     assert "marker 3 at 0.489" in note
-    assert note in sort_by_chain(scene.frames(anchor), CABLE).notes
+    assert note in sort_by_chain(scene.frames(anchor), CABLE).warnings
 
 
 def test_spacings_beyond_all_gates_are_found_with_wider_ones() -> None:
@@ -46,12 +46,12 @@ def test_spacings_beyond_all_gates_are_found_with_wider_ones() -> None:
     scene, anchor = make_take(true_m)
     found = sort_by_chain(scene.frames(anchor), replace(CABLE, stretch=0.02))
     assert (found.source == scene.source).all(axis=1).mean() > 0.97
-    assert any("3 of 8 markers" in note for note in found.notes)
+    assert any("3 of 8 markers" in note for note in found.warnings)
 
 
 def test_what_is_as_configured_needs_no_note() -> None:
     scene, anchor = make_take(np.array(ARC_LENGTH_M))
-    assert calibrate_spacing(scene.frames(anchor), CABLE).notes == []
+    assert calibrate_spacing(scene.frames(anchor), CABLE).warnings == []
 
 
 @pytest.mark.parametrize("scale", [1e-3, 0.55, 1.6])
@@ -61,7 +61,7 @@ def test_spacings_of_another_cable_are_told_and_change_nothing(scale: float) -> 
     found = calibrate_spacing(scene.frames(anchor), wrong)
     assert found.places is None
     assert found.settings is wrong
-    assert "check that marker_arc_length_m is this cable's" in found.notes[0]
+    assert "check that marker_arc_length_m is this cable's" in found.warnings[0]
 
 
 def test_a_second_cable_in_view_is_told() -> None:
@@ -70,7 +70,7 @@ def test_a_second_cable_in_view_is_told() -> None:
     scene, anchor = make_take(place_m, other)
     found = calibrate_spacing(scene.frames(anchor), CABLE)
     assert found.places is not None
-    assert any("8.0 points of each frame are left over" in note for note in found.notes)
+    assert any("8.0 points of each frame are left over" in note for note in found.warnings)
 
 
 def test_where_nothing_can_be_measured_all_stays_as_configured() -> None:
@@ -79,6 +79,17 @@ def test_where_nothing_can_be_measured_all_stays_as_configured() -> None:
     for short in (frames.take(np.arange(5)), replace(frames, anchor_m=None), frames.take(np.arange(0))):
         found = calibrate_spacing(short, CABLE)
         assert found.settings is CABLE
-        assert found.notes == []
+        assert found.warnings == []
     unseen = calibrate_spacing(replace(frames, usable=np.zeros(len(frames.points_m), dtype=bool)), CABLE)
-    assert unseen.notes == []
+    assert unseen.warnings == []
+
+
+def test_spacings_that_count_from_the_other_end_are_told() -> None:
+    uneven_m = np.array([0.05, 0.20, 0.27, 0.43, 0.49, 0.66, 0.72, 0.95])
+    scene, anchor = make_take(uneven_m)
+    length_m = 1.08
+    turned = tuple((length_m - uneven_m[::-1]).tolist())
+    found = sort_by_chain(scene.frames(anchor), replace(CABLE, arc_length_m=turned, length_m=length_m))
+    assert any("must count from the anchor" in text for text in found.warnings)
+    right = sort_by_chain(scene.frames(anchor), replace(CABLE, arc_length_m=tuple(uneven_m), length_m=length_m))
+    assert right.warnings == []

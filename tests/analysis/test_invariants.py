@@ -51,7 +51,7 @@ def test_labels_exchanged_in_one_frame_are_taken_away_there_and_nowhere_else(see
     assert np.all(found.reason[frame, [marker, marker + 1]] == MarkerReason.BROKEN)
     assert np.all(found.marker_confidence[frame, [marker, marker + 1]] == 0)
     assert np.array_equal(np.delete(found.source, frame, axis=0), np.delete(TAKE.source, frame, axis=0))
-    assert f"In 1 of {len(source)} frames" in found.notes[-1]
+    assert f"In 1 of {len(source)} frames" in found.warnings[-1]
 
 
 def test_a_marker_too_far_from_both_neighbours_is_the_one_to_blame() -> None:
@@ -93,14 +93,14 @@ def test_a_wrong_arc_length_is_told_as_such_and_takes_nothing_away() -> None:
     arc[5:] -= 0.04
     found = take_broken_away(FRAMES, as_sorted(TAKE.source), replace(CABLE, arc_length_m=tuple(arc), length_m=np.nan))
     assert np.array_equal(found.source, TAKE.source)
-    assert any("from marker 4 to marker 5 is not 70 mm" in note for note in found.notes)
+    assert any("from marker 4 to marker 5 is not 70 mm" in note for note in found.warnings)
 
 
 def test_an_end_where_no_cable_reaches_takes_no_marker_away() -> None:
     astray = replace(FRAMES, end_m=FRAMES.end_m + np.array([0.0, 0.0, 0.3]))
     found = take_broken_away(astray, as_sorted(TAKE.source, frames=astray), CABLE)
     assert np.array_equal(found.source, TAKE.source)
-    assert "other end is farther from its last marker than the cable is long" in found.notes[-1]
+    assert "other end is farther from its last marker than the cable is long" in found.warnings[-1]
 
 
 def test_of_two_markers_with_one_point_the_surer_one_keeps_it() -> None:

@@ -64,7 +64,7 @@ def test_a_template_follows_a_cable_that_settles() -> None:
     assert moved.max() > 0.025  # more than any gate
     found = sort_take(take, settling)
     assert take.score(found.source)[0] > 0.99
-    assert not any("anew" in note for note in found.notes)
+    assert not any("anew" in note for note in found.warnings)
 
 
 def test_a_cable_that_slips_is_learnt_anew() -> None:
@@ -79,7 +79,7 @@ def test_a_cable_that_slips_is_learnt_anew() -> None:
         replace(frames_of(take, anchor_m=anchor, end_m=end), points_m=points), settings_of(take, USUAL)
     )
     assert take.score(found.source)[0] > 0.99
-    assert any("learnt anew at cycle 15" in note for note in found.notes)
+    assert any("learnt anew at cycle 15" in note for note in found.warnings)
 
 
 def test_wrong_labels_in_a_seventh_of_the_learnt_frames_do_not_reach_the_template(
@@ -145,7 +145,7 @@ def test_a_robot_that_stops_in_its_cycle_leaves_the_frames_to_the_chain_search()
     phase = np.where(stops, np.minimum(take.phase + 0.3, 0.999), take.phase)  # the clock runs on and the cable does not
     found = sort_take(take, CLEAN, phase=phase)
     assert (found.source[stops] == take.source[stops]).all(axis=1).mean() > 0.9
-    assert any("fits less than half" in note for note in found.notes)
+    assert any("fits less than half" in note for note in found.warnings)
 
 
 @given(st.integers(0, 2**32 - 1))

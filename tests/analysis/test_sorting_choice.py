@@ -74,4 +74,4 @@ def test_what_breaks_an_invariant_is_taken_away(monkeypatch: pytest.MonkeyPatch)
     found = sort_automatically(frames, settings_of(take, USUAL))
     assert np.flatnonzero((found.reason == MarkerReason.BROKEN).any(axis=1)).tolist() == [7]
     assert np.flatnonzero(found.reason[7] == MarkerReason.BROKEN).tolist() == [2, 6]
-    assert "In 1 of 30 frames a marker broke an invariant" in found.notes[-1]
+    assert "In 1 of 30 frames a marker broke an invariant" in found.warnings[-1]

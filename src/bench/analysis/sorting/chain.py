@@ -75,7 +75,7 @@ def sort_by_chain(
     else:
         source, margin = search(frames, settings, prior)
     confidence, reason = _confidence(source, margin), _reasons(frames, source, margin)
-    return SortedMarkers.from_source(frames, source, confidence, reason, "chain", measured.notes)
+    return SortedMarkers.from_source(frames, source, confidence, reason, "chain", warnings=measured.warnings)
 
 
 def _sort_with_one_direction(

@@ -34,6 +34,9 @@ POOR_FIT_NOTE = (
     "In {} frames looked at, the chain of the configured spacings finds {:.0%} of the markers without doubt: check "
     "that marker_arc_length_m is this cable's, and that the tracker's unit is right."
 )
+TURNED_NOTE = (
+    "Counted from the cable's other end the same spacings find {:.0%}: marker_arc_length_m must count from the anchor."
+)
 MANY_LEFT = 0.5
 """Points that no marker takes, of the number of markers: two cables in view leave 1."""
 MANY_LEFT_NOTE = (
@@ -52,7 +55,7 @@ class SpacingCalibration:
     """What the chain search expects of the cable."""
     places: MarkerPlaces | None = None
     """None where nothing could be measured."""
-    notes: list[str] = field(default_factory=list)
+    warnings: list[str] = field(default_factory=list)
     """Sentences on what was not as configured."""
 
 
@@ -77,14 +80,18 @@ def calibrate_spacing(frames: PointFrames, settings: SortSettings) -> SpacingCal
     if tried.places is None or tried.fit < GOOD_FIT:
         wide = _try(sample, _widen(settings))
         tried = wide if wide.places is not None and wide.fit > tried.fit else tried
+    warnings = []
+    if tried.fit < GOOD_FIT:
+        warnings = [POOR_FIT_NOTE.format(len(sample), tried.fit), *_try_from_other_end(sample, settings)]
     if tried.fit < POOR_FIT:
-        return SpacingCalibration(settings, tried.prior, notes=[POOR_FIT_NOTE.format(len(sample), tried.fit)])
-    notes = [MANY_LEFT_NOTE.format(tried.left * settings.n_markers)] if tried.left >= MANY_LEFT else []
+        return SpacingCalibration(settings, tried.prior, warnings=warnings)
+    if tried.left >= MANY_LEFT:
+        warnings.append(MANY_LEFT_NOTE.format(tried.left * settings.n_markers))
     if tried.places is None:
-        return SpacingCalibration(settings, tried.prior, notes=notes)
+        return SpacingCalibration(settings, tried.prior, warnings=warnings)
     excess_m = _find_excess(tried.prior, tried.places, is_anchored=frames.anchor_m is not None)
     narrowed = _narrow(settings, tried.places, excess_m)
-    return SpacingCalibration(narrowed, tried.prior, tried.places, [*notes, *_compare(settings, tried.places)])
+    return SpacingCalibration(narrowed, tried.prior, tried.places, [*warnings, *_compare(settings, tried.places)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +115,15 @@ def _try(sample: PointFrames, settings: SortSettings) -> _Trial:
     except AnalysisError:
         places = None
     return _Trial(prior, places, fit, left)
+
+
+def _try_from_other_end(sample: PointFrames, settings: SortSettings) -> list[str]:
+    """Return what is to be said if the spacings fit once they are counted from the cable's other end."""
+    if not settings.length_m > settings.arc_length_m[-1]:
+        return []
+    turned = tuple(settings.length_m - place for place in reversed(settings.arc_length_m))
+    fit = _try(sample, replace(settings, arc_length_m=turned)).fit
+    return [TURNED_NOTE.format(fit)] if fit >= GOOD_FIT else []
 
 
 def _widen(settings: SortSettings) -> SortSettings:

@@ -62,7 +62,7 @@ class BrokenPairs:
 
 
 def take_broken_away(frames: PointFrames, markers: SortedMarkers, settings: SortSettings) -> SortedMarkers:
-    """Return the markers without those that break an invariant; notes count the frames.
+    """Return the markers without those that break an invariant; warnings count the frames.
 
     Of two markers at a wrong distance the one that is wrong towards another neighbour too is taken, of a leap the frame
     from which the marker leaps back; else the less sure one; both if nothing tells. Neighbours that miss their gate in
@@ -207,11 +207,11 @@ def _blame_configuration(marker: int, settings: SortSettings) -> str:
     )
 
 
-def _without(frames: PointFrames, markers: SortedMarkers, wrong: Bools, notes: list[str]) -> SortedMarkers:
+def _without(frames: PointFrames, markers: SortedMarkers, wrong: Bools, warnings: list[str]) -> SortedMarkers:
     wrong &= markers.source >= 0
     n_broken = int(wrong.any(axis=1).sum())
     if not n_broken:
-        return replace(markers, notes=[*markers.notes, *notes])
+        return replace(markers, warnings=[*markers.warnings, *warnings])
     counted = (
         f"In {n_broken} of {len(frames)} frames a marker broke an invariant (its spacing, a leap, a point for two "
         "markers) and was taken away."
@@ -222,5 +222,6 @@ def _without(frames: PointFrames, markers: SortedMarkers, wrong: Bools, notes: l
         np.where(wrong, np.float32(0.0), markers.marker_confidence),
         np.where(wrong, MarkerReason.BROKEN, markers.reason).astype(np.uint8),
         markers.method,
-        [*markers.notes, *notes, counted],
+        markers.notes,
+        [*markers.warnings, *warnings, counted],
     )

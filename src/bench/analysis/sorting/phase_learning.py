@@ -61,7 +61,7 @@ def learn_cycle(frames: PointFrames, settings: SortSettings) -> PhaseTemplate | 
         return None
     followed = follow_frames(every, np.arange(len(every)), template)
     learnt = _lay_and_learn(every, followed.sure_positions(every), cycles, settings)
-    return replace(learnt, notes=tuple(chained.notes))
+    return replace(learnt, warnings=tuple(chained.warnings))
 
 
 def _find_whole_cycles(frames: PointFrames) -> Ints:

@@ -56,8 +56,9 @@ def sort_by_template(frames: PointFrames, settings: SortSettings, template: Phas
     """Sort by a template of the cycle, as `sort_by_phase` does."""
     work = _TemplateSorting(frames, settings)
     work.sort_cycles(template)
-    notes = [*template.notes, _describe(template), *work.notes, work.compare_with_chain(), *work.sort_rest()]
-    return SortedMarkers.from_source(frames, work.source, work.confidence, work.reason, "phase", notes)
+    notes = [_describe(template), work.compare_with_chain(), *work.sort_rest()]
+    found = work.source, work.confidence, work.reason
+    return SortedMarkers.from_source(frames, *found, "phase", notes, [*template.warnings, *work.warnings])
 
 
 def _describe(template: PhaseTemplate) -> str:
@@ -75,7 +76,7 @@ class _TemplateSorting:
         self.source = np.full(shape, -1, dtype=np.int16)
         self.confidence = np.zeros(shape, dtype=np.float32)
         self.reason = np.full(shape, MarkerReason.NO_START, dtype=np.uint8)
-        self.notes: list[str] = []
+        self.warnings: list[str] = []
         self._frames, self._settings = frames, settings
         self._cycle = np.full(len(frames), -1) if frames.cycle is None else frames.cycle
         self._inside = rows_in_cycles(frames)
@@ -99,7 +100,7 @@ class _TemplateSorting:
             beyond = rows[np.repeat(lost, np.diff(np.append(begin, len(rows))))]
             newer = learn_cycle(self._frames.take(beyond), self._settings)
             if newer is not None:
-                self.notes.append(f"The cable changed: its cycle was learnt anew at cycle {cycle[begin[lost][0]]}.")
+                self.warnings.append(f"The cable changed: its cycle was learnt anew at cycle {cycle[begin[lost][0]]}.")
                 self._follow(beyond, newer)
                 return newer
         latest = slice(int(begin[-LEARNT_CYCLES:][0]), None)
@@ -141,7 +142,7 @@ class _TemplateSorting:
         self.confidence[rows] = chained.marker_confidence[better]
         notes = [f"{outside.sum()} frames outside any cycle are sorted each by itself."] if outside.any() else []
         if lost.any():
-            notes.append(f"In {lost.sum()} frames the template fits less than half of the markers in sight.")
+            self.warnings.append(f"In {lost.sum()} frames the template fits less than half of the markers in sight.")
         return notes
 
 

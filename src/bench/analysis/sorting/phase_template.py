@@ -59,7 +59,7 @@ class PhaseTemplate:
     """(k,): how far a marker strays from what its two neighbours do, in each coordinate."""
     n_cycles: int
     """Cycles from which it was learnt."""
-    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
     """What is to be said of how those cycles were sorted."""
 
     @property

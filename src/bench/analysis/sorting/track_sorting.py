@@ -44,7 +44,7 @@ def sort_by_track(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
     -------
     SortedMarkers
         `MarkerReason.FOUND` where the chain search named the track, ``FILLED`` where it is the marker's by its motion.
-        The confidence of the former is the share of the votes. The notes are those of the chain search.
+        The confidence of the former is the share of the votes. Notes and warnings are those of the chain search.
     """
     single = leave_out_twins(frames)
     if not single.usable.any():
@@ -55,7 +55,7 @@ def sort_by_track(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
     votes = collect_votes(tracks, rows, single_frames)
     labels = label_by_votes(split_by_votes(tracks, votes), votes, settings.n_markers)
     labels.complete(settings)
-    return replace(_list_markers(frames, labels, settings), notes=single_frames.notes)
+    return replace(_list_markers(frames, labels, settings), notes=single_frames.notes, warnings=single_frames.warnings)
 
 
 def _list_markers(frames: PointFrames, labels: TrackLabels, settings: SortSettings) -> SortedMarkers:
