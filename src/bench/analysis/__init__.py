@@ -25,7 +25,6 @@ from bench.analysis.curvature.phase_mean import (
     PhaseMean,
     average_by_phase,
     find_largest_bend,
-    map_by_phase,
 )
 from bench.analysis.curvature.radius import BendRadius, bend_radius
 from bench.analysis.curvature.spline import fit_spline, interpolate_curve
@@ -193,7 +192,6 @@ __all__ = [
     "make_ends",
     "make_frames",
     "make_gates",
-    "map_by_phase",
     "match_body",
     "measure_distances",
     "measure_errors",

@@ -10,7 +10,7 @@ import numpy as np
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, median_of_rows
 from bench.analysis.curvature.local_average import estimate_noise_variance
 
-__all__ = ["LargestBend", "PhaseMean", "average_by_phase", "find_largest_bend", "map_by_phase"]
+__all__ = ["LargestBend", "PhaseMean", "average_by_phase", "find_largest_bend"]
 
 MEDIAN_VARIANCE = np.pi / 2
 """Of the median of many normal values, in units of that of their mean."""
@@ -85,14 +85,6 @@ def find_largest_bend(mean: PhaseMean, arc_length_m: Floats) -> LargestBend | No
     i, g = np.unravel_index(int(known.argmax()), known.shape)
     value, sigma = float(mean.curvature_per_m[i, g]), float(mean.sigma_per_m[i, g])
     return LargestBend(value, sigma, (float(i) + 0.5) / len(known), float(arc_length_m[g]))
-
-
-def map_by_phase(curvature_per_m: Floats32, phase: Floats, trusted: Bools, n_bins: int) -> Floats:
-    """Return the median curvature (P, G) of all trusted frames in each of P equal phase bins, NaN where none is."""
-    result = np.full((n_bins, curvature_per_m.shape[1]), np.nan)
-    for i, frames in _frames_of_bins(phase, trusted, n_bins):
-        result[i] = median_of_rows(curvature_per_m[frames])
-    return result
 
 
 def _frames_of_bins(phase: Floats, trusted: Bools, n_bins: int) -> Iterator[tuple[int, Ints]]:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis.arrays import Bools, Indices, frame_of_points
+from bench.analysis.sorting.anchors import spread_frames
 from bench.analysis.sorting.chain_costs import ChainPrior
 from bench.analysis.sorting.chain_prior import DOUBT_NATS, is_alike_from_both_ends, learn_prior, search
 from bench.analysis.sorting.gates import SortSettings
@@ -136,9 +137,7 @@ def _widen(settings: SortSettings) -> SortSettings:
 def spread_sample(frames: PointFrames) -> PointFrames:
     """Return some frames spread over the whole recording, in order of time."""
     in_time = np.argsort(frames.time_ns, kind="stable")
-    if len(in_time) > SAMPLED_FRAMES:
-        in_time = in_time[np.linspace(0, len(in_time) - 1, SAMPLED_FRAMES).astype(np.int64)]
-    return frames.take(in_time)
+    return frames.take(in_time[spread_frames(0, len(in_time), SAMPLED_FRAMES)])
 
 
 def _count_fit(sample: PointFrames, source: Indices, sure: Bools) -> tuple[float, float]:
