@@ -61,7 +61,7 @@ def break_stream(writer: RunWriter, monkeypatch: pytest.MonkeyPatch, number: int
         def __getattr__(self, name: str) -> Any:
             return getattr(self._stream, name)
 
-    monkeypatch.setattr(writer._mcap, "_Writer__stream", Broken(writer._file.stream))
+    monkeypatch.setattr(writer._parts._part._mcap, "_Writer__stream", Broken(writer._parts._part.file.stream))
 
 
 def test_a_run_carries_its_metadata(tmp_path: Path) -> None:
