@@ -7,25 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.config import Config, load_config, simulated_config
+from bench.cli.settings import ConfigArgument, config_or_simulated
 
 if TYPE_CHECKING:
     from bench.run import RunSummary
 
-__all__ = ["ConfigArgument", "config_or_simulated", "run"]
-
-ConfigArgument = Annotated[
-    Path | None, typer.Argument(metavar="[CONFIG]", help="Configuration file. Left out: the simulated bench.")
-]
-
-
-def config_or_simulated(path: Path | None) -> Config:
-    """Load `path`, or the simulated bench on addresses that are free."""
-    if path is not None:
-        return load_config(path)
-    from bench.run import with_free_addresses
-
-    return with_free_addresses(simulated_config())
+__all__ = ["run"]
 
 
 def run(

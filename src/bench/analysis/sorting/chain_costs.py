@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import gaussian_filter1d
+import scipy
 
 from bench.analysis.arrays import Floats
 from bench.analysis.kernels.chain_tables import BINS, MOST_END_COST, MOST_GAP
@@ -184,8 +184,9 @@ def _mix(physics: Floats, at: Floats, measure: Floats, spread: float) -> Floats:
         return physics
     inside = at[(at >= 0) & (at < len(physics))].astype(np.int64)
     width = max(SMOOTHING * spread, 1.0)
-    count = gaussian_filter1d(np.bincount(inside, minlength=len(physics)).astype(np.float64), width, mode="constant")
-    seen = count / gaussian_filter1d(measure, width, mode="nearest")
+    count = np.bincount(inside, minlength=len(physics)).astype(np.float64)
+    seen = scipy.ndimage.gaussian_filter1d(count, width, mode="constant")
+    seen /= scipy.ndimage.gaussian_filter1d(measure, width, mode="nearest")
     share = PRIOR_FRAMES / (PRIOR_FRAMES + len(at))
     return np.maximum(share * physics + (1 - share) * seen / len(at), np.finfo(float).tiny)
 
