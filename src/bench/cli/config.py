@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from bench.cli.run import ConfigArgument
-from bench.config import config_schema, load_config, simulated_config, to_toml
+from bench.config import config_schema, load_config, read_program_file, simulated_config, to_toml
 
 __all__ = ["config_app"]
 
@@ -31,5 +31,5 @@ def show(config: ConfigArgument = None) -> None:
 @config_app.command("check")
 def check(config: Annotated[Path, typer.Argument(metavar="CONFIG", help="Configuration file.")]) -> None:
     """Validate a configuration file; every fault with its line, and exit code 2."""
-    load_config(config)
+    read_program_file(load_config(config), config.parent)
     print(f"{config}: valid.")
