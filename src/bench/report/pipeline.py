@@ -110,6 +110,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
+        program_facts=run.metadata.get("bench.program", {}),
         attention=find_attention(cycles, placed.verdicts),
         noted=read_noted(run),
         warnings=[
