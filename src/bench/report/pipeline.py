@@ -15,7 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.drift import find_drift
-from bench.report.ends import find_cable_ends, find_up_axis, verify_end
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end, warn_of_end_bend
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -119,6 +119,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *ends.warnings,
             *traced.markers.warnings,
             *traced.curve.warnings,
+            *warn_of_end_bend(ends, traced, bend_map),
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
