@@ -22,6 +22,7 @@ from bench.run.inbox import Fault, Inbox, QueueInbox
 from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
 from bench.run.live_process import LiveAddress, LiveProcess
+from bench.run.loaded_program import ask_loaded
 from bench.run.preflight import check_bench, show_program_file, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.resume import PROGRAM, RESUMED, Origin, hash_test, verify_origin
@@ -128,7 +129,7 @@ def check(config: Config, view: RunView, speed: float = 1.0, program: ProgramFil
         links = BenchLinks(config, clock, inbox, _discard, packets=_default_path(config, clock).with_suffix(""))
         links.open(closing)
         states.enter(RunState.CHECKING)
-        items = _check(config, links, clock, Path(config.run.output_dir), None, program)
+        items = [*_check(config, links, clock, Path(config.run.output_dir), None), *show_program_file(program)]
         states.enter(RunState.CLOSING)
     states.enter(RunState.DONE)
     return items
@@ -261,7 +262,8 @@ class _Session:
         simulated = self._config.simulation
         n_left = self._options.n_cycles - self._options.n_before + 1.0 / self._config.run.first_cycle_speed - 1.0
         expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
-        items = _check(self._config, links, self._clock, self._path.parent, expected_s, self._options.program)
+        items = _check(self._config, links, self._clock, self._path.parent, expected_s)
+        items += show_program_file(self._options.program)
         self._writer.add_metadata("bench.preflight", {item.name: f"{item.verdict}: {item.value}" for item in items})
         for item in items:
             self._view.show_item(item)
@@ -269,6 +271,10 @@ class _Session:
                 severity = Severity.WARN if item.verdict == "warn" else Severity.ERROR
                 self._writer.put(LogEntry(self._clock.now_ns(), severity, "run", item.sentence))
         verify_items(items)
+        told, doubts = ask_loaded(links.program, self._options.program, self._options.origin)
+        self._writer.add_metadata(PROGRAM, told)
+        for text in doubts:
+            self._say(Severity.WARN, text)
 
     def _drive(self, links: BenchLinks) -> Ending:
         self._states.enter(RunState.ARMED)
@@ -354,15 +360,10 @@ def _start_simulator(
 
 
 def _check(
-    config: Config,
-    links: BenchLinks,
-    clock: RunClock,
-    folder: Path,
-    expected_s: float | None,
-    program: ProgramFile | None,
+    config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None
 ) -> list[CheckItem]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
-    items = check_bench(
+    return check_bench(
         config,
         links.program,
         links.watcher,
@@ -373,7 +374,6 @@ def _check(
         clock.speed,
         has_slider=links.slider is not None,
     )
-    return items if program is None else [*items, show_program_file(program)]
 
 
 def _open_writer(
