@@ -84,6 +84,7 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
 | `bench.device.robot`, `bench.device.tracker` | what each device said of itself, and who stamps its arrivals |
 | `bench.preflight` | each check before the first cycle, verdict and value; the program that the controller has loaded |
+| `bench.program` | of the copy of the robot's program: `file`, `sha256`, `bytes`, and the name of its `attachment` |
 | `bench.cycle_source` | what tells the cycles, and how well it knows their times |
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
@@ -97,9 +98,9 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 |---|---|
 | `config.toml` | the resolved configuration |
 | `calibration.toml` | the calibration that the configuration names, if any; it is part of `config.toml`, too |
+| `program.urp`, or another suffix | the copy of the robot's program that `[robot] program_file` names, byte for byte |
 
-The robot program stays on the controller. What is recorded is the name under which the controller has loaded it
-(`program loaded` in `bench.preflight`); neither of UR's interfaces tells a program's content or a hash of it.
+`open_run("run.mcap").read_attachment("config.toml")` gives the bytes of one.
 
 ## What the recorder counts
 

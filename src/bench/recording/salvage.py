@@ -27,7 +27,6 @@ from bench.recording.container import (
     ATTACHMENT,
     HEAD,
     INDEX_HEAD,
-    LARGEST_NOTE,
     MAGIC,
     METADATA,
     Chunk,
@@ -38,6 +37,7 @@ from bench.recording.container import (
 )
 from bench.recording.ending import Ending, encode_records
 from bench.recording.loading import opened
+from bench.recording.notes import read_note
 from bench.recording.output import OutputFile, explained, rename_new
 from bench.recording.reader import LAST_SECOND, SALVAGE
 from bench.recording.scanning import scan_container
@@ -173,24 +173,12 @@ def _is_kept(descriptor: int, note: Note, container: Container) -> bool:
     if note.opcode not in {METADATA, ATTACHMENT}:
         return False
     try:
-        _read_note(descriptor, note)
-    except Exception as error:  # the library's reading of bytes that may be anything
+        read_note(descriptor, note)
+    except DamagedError as error:
         kind = "metadata" if note.opcode == METADATA else "an attachment"
         container.note_damage(note.start, f"{note.end - note.start} bytes of {kind} at byte {note.start}: {error}")
         return False
     return True
-
-
-def _read_note(descriptor: int, note: Note) -> records.Metadata | records.Attachment:
-    if note.end - note.start > LARGEST_NOTE:
-        raise DamagedError(f"it is larger than {LARGEST_NOTE} bytes")
-    body = os.pread(descriptor, note.end - note.start - HEAD.size, note.start + HEAD.size)
-    stream = ReadDataStream(BytesIO(body), calculate_crc=note.opcode == ATTACHMENT)
-    record: records.Metadata | records.Attachment
-    record = records.Metadata.read(stream) if note.opcode == METADATA else records.Attachment.read(stream)
-    if encode_records([record]) != HEAD.pack(note.opcode, len(body)) + body:
-        raise DamagedError("its lengths contradict each other")
-    return record
 
 
 def _describe_rest(container: Container) -> list[str]:
@@ -279,7 +267,7 @@ def _note_part(descriptor: int, part: Chunk | Note, start: int, ending: Ending) 
     if isinstance(part, Chunk):
         ending.note_chunk(part, start)
         return
-    record, size = _read_note(descriptor, part), part.end - part.start
+    record, size = read_note(descriptor, part), part.end - part.start
     if isinstance(record, records.Metadata):
         ending.note_metadata(record.name, start, size)
     else:

@@ -65,7 +65,7 @@ class RunWriter:
     extra : mapping, optional
         Further metadata records by name.
     attachments : mapping, optional
-        TOML texts by file name that travel in the file as attachments, besides ``config.toml``.
+        What travels in the file as attachments besides ``config.toml``, by name: texts are TOML, bytes are any file's.
     on_failure : callable, optional
         Called once, from the writer thread, when the file cannot be written any more.
     queue_limit : int, optional
@@ -88,7 +88,7 @@ class RunWriter:
         versions: Mapping[str, str],
         run_id: str,
         extra: Mapping[str, Mapping[str, str]] | None = None,
-        attachments: Mapping[str, str] | None = None,
+        attachments: Mapping[str, str | bytes] | None = None,
         on_failure: Callable[[BenchError], None] | None = None,
         queue_limit: int = 200_000,
     ) -> None:
@@ -237,10 +237,13 @@ class RunWriter:
         for name, values in (channels | dict(notes)).items():
             self._mcap.add_metadata(name, dict(values))
 
-    def _attach(self, texts: Mapping[str, str]) -> None:
+    def _attach(self, contents: Mapping[str, str | bytes]) -> None:
         now = _clamp_ns(self._clock.now_ns())
-        for name, text in texts.items():
-            self._mcap.add_attachment(now, now, name, "application/toml", text.encode())
+        for name, content in contents.items():
+            if isinstance(content, str):
+                self._mcap.add_attachment(now, now, name, "application/toml", content.encode())
+            else:
+                self._mcap.add_attachment(now, now, name, "application/octet-stream", content)
 
     # the writer thread, and after it has ended the thread that closes
 

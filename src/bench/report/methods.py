@@ -52,7 +52,8 @@ CURVATURE = {
     "it is flattest, and the band holds the truth in 99 % of places. A bend beside a clamp that is shorter than the "
     "distance between markers it cannot see, and then its band does not hold the peak: on simulated clamped cables "
     "(markers every 167 mm) it read the largest curvature 4, 24 and 56 % too low where the true smallest radius was "
-    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions; the report warns of the worst of these. "
+    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions, where the band is twice as wide; the report "
+    "warns of the worst of these, and where the largest bend is beside an end whose direction is not known. "
     "On a straight cable it reads noise, up to two standard deviations.",
     "spline": "A cubic spline through the markers, bent freely at both ends. It cannot see a bend shorter than the "
     "distance between markers, and cables bend most in just such places: beside the clamps. On simulated clamped "

@@ -15,7 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.drift import find_drift
-from bench.report.ends import find_cable_ends, find_up_axis, verify_end
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end, warn_of_end_bend
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -111,6 +111,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
+        program_facts=run.metadata.get("bench.program", {}),
         attention=find_attention(cycles, placed.verdicts),
         noted=read_noted(run),
         warnings=[
@@ -119,6 +120,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *ends.warnings,
             *traced.markers.warnings,
             *traced.curve.warnings,
+            *warn_of_end_bend(ends, traced, bend_map),
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),

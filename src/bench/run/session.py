@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.config import Config, to_toml
+from bench.config import Config, ProgramFile, to_toml
 from bench.errors import ConfigError
 from bench.model import CheckItem, ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
 from bench.recording import RunWriter
-from bench.run.about import attach_calibration, describe_cycle_source, describe_origin, find_versions
+from bench.run.about import attach_calibration, attach_program, describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
 from bench.run.engine import RunEngine
@@ -22,9 +22,9 @@ from bench.run.inbox import Fault, Inbox, QueueInbox
 from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
 from bench.run.live_process import LiveAddress, LiveProcess
-from bench.run.preflight import check_bench, verify_items
+from bench.run.preflight import check_bench, show_program_file, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
-from bench.run.resume import RESUMED, Origin, hash_test, verify_origin
+from bench.run.resume import PROGRAM, RESUMED, Origin, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
 from bench.run.states import RunStates
 from bench.run.view import RunView
@@ -49,6 +49,8 @@ class RunOptions:
     truth: Path | None = None
     origin: Origin | None = None
     """The run that is gone on with; `n_cycles` is the total of both."""
+    program: ProgramFile | None = None
+    """Copy of the robot's program that travels in the run file."""
     live: LiveAddress | None = None
     """Where the live view is served; None: it is not."""
 
@@ -97,7 +99,7 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
     """
     clock = _start_clock(config, options.speed)
     if options.origin is not None:
-        verify_origin(options.origin, config, options.n_cycles)
+        verify_origin(options.origin, config, options.n_cycles, options.program)
     path = options.output or _default_path(config, clock)
     with Closing() as closing:
         if options.live is not None:
@@ -107,7 +109,7 @@ def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
     return session.summarise()
 
 
-def check(config: Config, view: RunView, speed: float = 1.0) -> list[CheckItem]:
+def check(config: Config, view: RunView, speed: float = 1.0, program: ProgramFile | None = None) -> list[CheckItem]:
     """Run the preflight alone; nothing is recorded and the robot does not move.
 
     Raises
@@ -124,7 +126,7 @@ def check(config: Config, view: RunView, speed: float = 1.0) -> list[CheckItem]:
         links = BenchLinks(config, clock, inbox, _discard, packets=_default_path(config, clock).with_suffix(""))
         links.open(closing)
         states.enter(RunState.CHECKING)
-        items = _check(config, links, clock, Path(config.run.output_dir), None)
+        items = _check(config, links, clock, Path(config.run.output_dir), None, program)
         states.enter(RunState.CLOSING)
     states.enter(RunState.DONE)
     return items
@@ -144,7 +146,7 @@ class _Session:
         self._closing = closing
         self._inbox = QueueInbox(clock)
         run_id = str(uuid.uuid4())
-        self._writer = _open_writer(config, path, clock, self._inbox, run_id, options.origin)
+        self._writer = _open_writer(config, path, clock, self._inbox, run_id, options)
         self._journal = Journal(
             path,
             {
@@ -218,10 +220,10 @@ class _Session:
 
     def _connect(self) -> BenchLinks:
         self._states.enter(RunState.CONNECTING)
-        if self._options.origin:
-            text = self._options.origin.describe()
-            self._view.say(text)
-            self._writer.put(LogEntry(self._clock.now_ns(), Severity.INFO, "run", text))
+        origin = self._options.origin
+        if origin is not None:
+            self._say(Severity.INFO, origin.describe())
+            self._say(Severity.WARN, origin.doubt_program(self._options.program))
         self._simulator = _start_simulator(self._config, self._clock, self._options.truth, self._closing, self._view)
         writer = self._writer
         links = BenchLinks(
@@ -242,12 +244,17 @@ class _Session:
                 writer.add_metadata("bench.cycle_source", describe_cycle_source(self._config, info.rate_hz))
         return links
 
+    def _say(self, severity: Severity, text: str) -> None:
+        if text:
+            self._view.say(text)
+            self._writer.put(LogEntry(self._clock.now_ns(), severity, "run", text))
+
     def _preflight(self, links: BenchLinks) -> None:
         self._states.enter(RunState.CHECKING)
         simulated = self._config.simulation
         n_left = self._options.n_cycles - self._options.n_before + 1.0 / self._config.run.first_cycle_speed - 1.0
         expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
-        items = _check(self._config, links, self._clock, self._path.parent, expected_s)
+        items = _check(self._config, links, self._clock, self._path.parent, expected_s, self._options.program)
         self._writer.add_metadata("bench.preflight", {item.name: f"{item.verdict}: {item.value}" for item in items})
         for item in items:
             self._view.show_item(item)
@@ -339,10 +346,15 @@ def _start_simulator(
 
 
 def _check(
-    config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None
+    config: Config,
+    links: BenchLinks,
+    clock: RunClock,
+    folder: Path,
+    expected_s: float | None,
+    program: ProgramFile | None,
 ) -> list[CheckItem]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
-    return check_bench(
+    items = check_bench(
         config,
         links.program,
         links.watcher,
@@ -353,20 +365,25 @@ def _check(
         clock.speed,
         has_slider=links.slider is not None,
     )
+    return items if program is None else [*items, show_program_file(program)]
 
 
 def _open_writer(
-    config: Config, path: Path, clock: RunClock, inbox: Inbox, run_id: str, origin: Origin | None
+    config: Config, path: Path, clock: RunClock, inbox: Inbox, run_id: str, options: RunOptions
 ) -> RunWriter:
+    origin, program = options.origin, options.program
     facts = {"clock": clock.to_text(), "simulated": str(config.simulation is not None).lower()}
+    extra = {"bench.facts": describe_origin(config) | facts}
+    extra |= {RESUMED: origin.to_metadata()} if origin else {}
+    extra |= {PROGRAM: program.to_metadata()} if program else {}
     return RunWriter(
         path,
         clock,
         config_toml=to_toml(config),
         versions=find_versions(LIBRARIES),
         run_id=run_id,
-        extra={"bench.facts": describe_origin(config) | facts} | ({RESUMED: origin.to_metadata()} if origin else {}),
-        attachments=attach_calibration(config),
+        extra=extra,
+        attachments={**attach_calibration(config), **attach_program(program)},
         on_failure=lambda error: inbox.put(Fault(error)),
     )
 
