@@ -139,16 +139,19 @@ def _report_one(path: Path, folder: Path, settings: Config | None, *, mcap: bool
 
 
 def _print_summary(results: Results, page: Path) -> None:
+    from bench.report.cautions import list_cautions
     from bench.report.headline import summarise
-    from bench.report.wording import describe_interval, describe_outcome, describe_place, say_mm
+    from bench.report.wording import describe_interval, describe_outcome, describe_place, describe_seen, say_radius
 
     headline = summarise(results)
     print(f"{results.outcome.value}: {' '.join(describe_outcome(results, headline))}")
-    print(f"cycles: {headline.n_ok} of {headline.n_cycles} ok")
+    print(f"cycles: {headline.n_ok} of {headline.n_cycles} ok; {describe_seen(results) or 'no frames'}")
     bend = headline.tightest
     if bend is not None:
-        measured = f"{say_mm(bend.radius_mm)} mm, {describe_interval(bend)}"
+        measured = f"{say_radius(bend.radius_mm, bend.low_mm)} mm, {describe_interval(bend)}"
         print(f"smallest bend radius: {measured}; limit {headline.limit_mm:g} mm; {describe_place(bend)}")
+    for sentence in list_cautions(results, headline):
+        print(f"look at: {sentence}")
     n_frames = results.frames.frame_number.size
     if results.analysis_s > 0:
         print(

@@ -92,13 +92,13 @@ def describe_methods(results: Results) -> list[MethodNote]:
 def warn_about_clamps(results: Results) -> str:
     """Return the sentence for the first screen when the curvature's method under-reads beside clamps, else empty."""
     method = results.methods.get("curvature", "").lower()
-    blind = {"spline": "The spline reads", "menger_gp": "Without a fitted rod the markers show"}
+    blind = {"spline": "a spline through the markers", "menger_gp": "the markers alone, without a fitted rod,"}
     said = next((text for name, text in blind.items() if name in method), "")
     if "elastica" in method or not said:
         return ""
     return (
-        f"{said} bends beside the clamps too gently: the cable may be bent tighter there than any radius on this page "
-        "(see Methods and their limits)."
+        f"Beside the clamps the cable may be bent tighter than any radius on this page: {said} cannot show the short "
+        "bends there (see Methods and their limits)."
     )
 
 

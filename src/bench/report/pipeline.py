@@ -34,6 +34,7 @@ from bench.report.source import (
 )
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
+from bench.report.wording import say_percent
 
 __all__ = ["analyse_run"]
 
@@ -202,7 +203,7 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
     warnings = [str(text) for text in json.loads(run.metadata.get("bench.import", {}).get("warnings", "[]"))]
     if exit_status == UNFINISHED:
         lost = f" Lost: {run.status.lost}." if run.status.lost else ""
-        warnings.append(f"The recording was not finished: {run.status.text}.{lost}")
+        warnings.append(f"The recording was not finished.{lost}")
     elif run.status.lost:
         warnings.append(f"The recording is damaged; lost: {run.status.lost}.")
     if len(frames) == 0:
@@ -215,8 +216,8 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; in the others the curve is less certain beside a "
-            "missing marker, and ends at the last one found. "
+            f"All markers were found in {say_percent(fraction)} of the frames; in the others the curve is less certain "
+            "beside a missing marker, and ends at the last one found. "
             "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())
