@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.config import Config, simulated_config, to_toml
+from bench.config import Config, ProgramFile, simulated_config, to_toml
 from bench.errors import ConfigError, RecordingError, RunError
 from bench.model import CycleEvent, CycleEventKind, RunState, StateChange
 from bench.recording import CYCLE, RunWriter, open_run
+from bench.run.about import attach_program
 from bench.run.journal import Journal, is_held, journal_path, read_completed
-from bench.run.resume import RESUMED, hash_test, read_origin, verify_origin
+from bench.run.resume import PROGRAM, RESUMED, hash_test, read_origin, verify_origin
 from bench.timing import ManualClock
 
 
@@ -24,17 +25,20 @@ def write_run(
     n_before: int = 0,
     *,
     extra: dict[str, dict[str, str]] | None = None,
+    program: ProgramFile | None = None,
     split_bytes: int = 0,
 ) -> Path:
     clock = ManualClock()
-    resumed = {RESUMED: {"completed": str(n_before)}} if n_before else {}
+    notes = {RESUMED: {"completed": str(n_before)}} if n_before else {}
+    notes |= {PROGRAM: program.to_metadata()} if program else {}
     writer = RunWriter(
         path,
         clock,
         config_toml=to_toml(simulated_config()),
         versions={},
         run_id="r1",
-        extra=resumed | (extra or {}),
+        extra=notes | (extra or {}),
+        attachments=attach_program(program),
         split_bytes=split_bytes,
     )
     for i in range(n_recorded):
@@ -144,6 +148,46 @@ def test_addresses_limits_and_policies_may_change(tmp_path: Path) -> None:
     config = change(config, "cable", max_speed_m_s=1.0)
     verify_origin(origin, change(config, "run", name="b", operator="somebody"), 3)
     assert hash_test(config) == hash_test(origin.config)
+
+
+BEND = ProgramFile("bend.urp", b"\x1f\x8b a program")
+
+
+def test_the_copy_of_the_program_goes_on_with_the_run(tmp_path: Path) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=BEND))
+    assert origin.read_program() == BEND
+    verify_origin(origin, simulated_config(), 10, BEND)
+    assert origin.doubt_program(BEND) == ""
+    assert read_origin(write_run(tmp_path / "b.mcap", 2)).read_program() is None
+
+
+def test_another_program_is_another_test(tmp_path: Path) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=BEND))
+    changed = ProgramFile("bend.urp", BEND.content + b".")
+    with pytest.raises(ConfigError, match=f"with another program: .*{BEND.sha256}; now .*{changed.sha256}"):
+        verify_origin(origin, simulated_config(), 10, changed)
+    verify_origin(origin, simulated_config(), 10, ProgramFile("renamed.urp", BEND.content))
+
+
+@pytest.mark.parametrize(("before", "now"), [(BEND, None), (None, BEND)])
+def test_a_program_that_only_one_of_two_runs_knows_is_told(
+    tmp_path: Path, before: ProgramFile | None, now: ProgramFile | None
+) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=before))
+    verify_origin(origin, simulated_config(), 10, now)
+    without = "this run" if now is None else "a.mcap"
+    assert origin.doubt_program(now).endswith(f"cannot be told: {without} has no copy of it.")
+
+
+def test_a_damaged_copy_is_not_carried_on(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.mcap", 2, program=BEND)
+    path.write_bytes(path.read_bytes().replace(b"a program", b"a progrom"))
+    with pytest.raises(RecordingError, match=r"no attachment 'program\.urp' that is undamaged"):
+        read_origin(path).read_program()
+    lying = {PROGRAM: BEND.to_metadata() | {"sha256": "0" * 64}}
+    path = write_run(tmp_path / "b.mcap", 2, program=BEND, extra=lying)
+    with pytest.raises(RecordingError, match="is not what its SHA-256 says"):
+        read_origin(path).read_program()
 
 
 def test_a_run_with_all_its_cycles_is_refused(tmp_path: Path) -> None:

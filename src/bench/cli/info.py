@@ -40,6 +40,8 @@ def info(
 
 
 def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
+    from bench.config import describe_loaded_program, describe_program_file
+
     about, facts = run.metadata["bench.run"], run.metadata.get("bench.facts", {})
     begin_ns, end_ns = run.span_ns
     words = (facts.get("name", ""), facts.get("sample_id", ""), facts.get("operator", ""))
@@ -59,6 +61,8 @@ def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
         words = (device.kind, device.version, f"at {device.address}" if device.address else "")
         rate = f", {device.rate_hz:g} Hz" if device.rate_hz > 0 else ""
         yield device.device, " ".join(word for word in words if word) + rate
+    yield "program", describe_loaded_program(run.metadata.get("bench.program", {}))
+    yield "program file", describe_program_file(run.metadata.get("bench.program", {}))
     yield "calibration", _describe_calibration(run)
     yield from _state_clocks(run)
     yield "recorded with", ", ".join(f"{name} {text}" for name, text in run.versions.items())

@@ -13,7 +13,7 @@ from pydantic import Field, Tag, field_validator, model_validator
 from bench.config.calibration import CalibrationConfig
 from bench.config.modbus import ModbusRobotConfig
 from bench.config.policy import PolicyConfig
-from bench.config.section import Section, choose_by_kind
+from bench.config.section import PROGRAM_FILE, Section, choose_by_kind
 from bench.config.simulation import SimulationConfig
 from bench.config.tracker import AnyTrackerConfig
 
@@ -154,6 +154,7 @@ class RobotConfig(Section):
     kind: Literal["ur"] = Field("ur", description="Universal Robots: state by RTDE, program as program_control says.")
     host: str = Field(min_length=1, description="Address of the controller.")
     program: str = Field(min_length=1, description="Program on the controller, such as bend_test.urp.")
+    program_file: str = Field("", max_length=1000, description=PROGRAM_FILE)
     rate_hz: float = Field(500.0, ge=1, le=500, description="State samples a second; CB3 controllers give 125.")
     rtde_port: int = Field(30004, ge=1, le=65535, description="Port of the state stream.")
     program_control: Literal["auto", "dashboard", "robot_api"] = Field(

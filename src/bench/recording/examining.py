@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from io import BytesIO
 from operator import attrgetter
 from pathlib import Path
 
 from mcap import records
-from mcap.data_stream import ReadDataStream
 
 from bench.errors import RecordingUnfinishedError
 from bench.recording.chunks import count_messages, has_sound_index, read_chunk
 from bench.recording.container import (
     ATTACHMENT,
     HEAD,
-    LARGEST_NOTE,
     METADATA,
     Chunk,
     Container,
@@ -23,13 +20,13 @@ from bench.recording.container import (
     Note,
     describe_chunk,
 )
-from bench.recording.ending import encode_records
 from bench.recording.files import RunFiles
+from bench.recording.notes import read_note
 from bench.recording.part_names import CONTINUES, FIRST_NUMBER, read_number
 from bench.recording.schemas import load_schema
 from bench.recording.topics import TOPICS
 
-__all__ = ["Examined", "define_topics", "examine", "read_note"]
+__all__ = ["Examined", "define_topics", "examine"]
 
 DATA_END_SIZE = HEAD.size + 4
 
@@ -114,24 +111,11 @@ def _is_kept(file: RunFiles, note: Note, container: Container) -> bool:
         return False
     try:
         read_note(file, note)
-    except Exception as error:  # the library's reading of bytes that may be anything
+    except DamagedError as error:
         kind = "metadata" if note.opcode == METADATA else "an attachment"
         container.note_damage(note.start, f"{note.end - note.start} bytes of {kind} at byte {note.start}: {error}")
         return False
     return True
-
-
-def read_note(file: RunFiles, note: Note) -> records.Metadata | records.Attachment:
-    """Return a metadata record or an attachment; whatever is raised says that it is damaged."""
-    if note.end - note.start > LARGEST_NOTE:
-        raise DamagedError(f"it is larger than {LARGEST_NOTE} bytes")
-    body = file.pread(note.end - note.start - HEAD.size, note.start + HEAD.size)
-    stream = ReadDataStream(BytesIO(body), calculate_crc=note.opcode == ATTACHMENT)
-    record: records.Metadata | records.Attachment
-    record = records.Metadata.read(stream) if note.opcode == METADATA else records.Attachment.read(stream)
-    if encode_records([record]) != HEAD.pack(note.opcode, len(body)) + body:
-        raise DamagedError("its lengths contradict each other")
-    return record
 
 
 def _describe_rest(container: Container) -> list[str]:

@@ -161,6 +161,7 @@ def join_parts(found: FoundParts) -> Container:
         sizes=tuple(container.size for container in containers),
         last=last,
         missing=found.describe_missing(),
+        notes=containers[0].notes,
         damage=[*found.describe_cut(), *_join_damage(found.parts)],
     )
     for number, container in enumerate(containers):

@@ -22,11 +22,12 @@ _NEVER = 1 << 62
 
 
 class Attachment(NamedTuple):
-    """A text that travels in each part."""
+    """A file that travels in each part."""
 
     time_ns: int
     name: str
-    text: str
+    content: str | bytes
+    """A TOML text, or bytes of any kind."""
 
 
 class RunPart:
@@ -61,7 +62,7 @@ class RunPart:
             for name, values in notes.items():
                 self.add_metadata(name, values)
             for one in attachments:
-                self._mcap.add_attachment(one.time_ns, one.time_ns, one.name, "application/toml", one.text.encode())
+                self._attach(one)
             self.end_chunk()
         except BaseException:
             self.file.discard()
@@ -76,6 +77,13 @@ class RunPart:
             schema_id = writer.register_schema(topic.schema, "ros2msg", load_schema(topic.schema).text.encode())
             self._channels[topic.name] = writer.register_channel(topic.name, "cdr", schema_id)
         return writer
+
+    def _attach(self, one: Attachment) -> None:
+        if isinstance(one.content, str):
+            kind, data = "application/toml", one.content.encode()
+        else:
+            kind, data = "application/octet-stream", one.content
+        self._mcap.add_attachment(one.time_ns, one.time_ns, one.name, kind, data)
 
     def add_message(self, topic: str, log_time_ns: int, payload: bytes, publish_time_ns: int, number: int) -> None:
         self._mcap.add_message(self._channels[topic], log_time_ns, payload, publish_time_ns, number)

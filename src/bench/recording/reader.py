@@ -20,6 +20,7 @@ from bench.recording.container import Container, DamagedError
 from bench.recording.files import RunFiles, opened
 from bench.recording.joining import find_parts, join_parts
 from bench.recording.loading import Span, read_messages, read_topics, split_spans
+from bench.recording.notes import find_attachment
 from bench.recording.part_names import FIRST_NUMBER, PART, read_number
 from bench.recording.scanning import scan_container
 from bench.recording.status import PartFacts, RunStatus, count_by_topic, describe_status, list_facts
@@ -249,6 +250,20 @@ class Run:
         wanted = list(topics)
         for start_ns, end_ns in split_spans(self._container, part_bytes):
             yield self.read(wanted, start_ns, end_ns)
+
+    def read_attachment(self, name: str) -> bytes:
+        """Return the content of an attachment, such as ``config.toml``.
+
+        Raises
+        ------
+        RecordingError
+            There is none of this name, or it is damaged.
+        """
+        with opened(*self._paths) as files:
+            content = find_attachment(files, self._container, name)
+        if content is None:
+            raise RecordingError(f"{self.path} has no attachment '{name}' that is undamaged.")
+        return content
 
     def messages(self, topics: Iterable[str]) -> list[Message]:
         """Return the messages of several topics as they stand in the file, undecoded and in its order.

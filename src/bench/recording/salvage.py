@@ -27,9 +27,10 @@ from bench.errors import RecordingError, RecordingExistsError, RecordingUnfinish
 from bench.recording.chunks import index_messages, read_chunk
 from bench.recording.container import HEAD, INDEX_HEAD, MAGIC, Chunk, DamagedError, Note
 from bench.recording.ending import Ending, encode_records
-from bench.recording.examining import Examined, define_topics, examine, read_note
+from bench.recording.examining import Examined, define_topics, examine
 from bench.recording.files import RunFiles, opened
 from bench.recording.joining import FoundParts, find_parts
+from bench.recording.notes import read_note
 from bench.recording.output import OutputFile, explained, rename_new
 from bench.recording.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
 from bench.recording.scanning import scan_container

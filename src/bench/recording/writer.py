@@ -59,7 +59,7 @@ class RunWriter:
     extra : mapping, optional
         Further metadata records by name.
     attachments : mapping, optional
-        TOML texts by file name that travel in the file as attachments, besides ``config.toml``.
+        What travels in the file as attachments besides ``config.toml``, by name: texts are TOML, bytes are any file's.
     on_failure : callable, optional
         Called once, from the writer thread, when the file cannot be written any more.
     queue_limit : int, optional
@@ -84,7 +84,7 @@ class RunWriter:
         versions: Mapping[str, str],
         run_id: str,
         extra: Mapping[str, Mapping[str, str]] | None = None,
-        attachments: Mapping[str, str] | None = None,
+        attachments: Mapping[str, str | bytes] | None = None,
         on_failure: Callable[[BenchError], None] | None = None,
         queue_limit: int = 200_000,
         split_bytes: int = 0,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from bench.config import AnyRobotConfig, Config
+from bench.config import AnyRobotConfig, Config, describe_program_file
 from bench.run.bench_links import require_devices
 from bench.run.preflight import predict_bytes_per_s
 
@@ -31,6 +31,8 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
         + ("" if simulated else " (assumed: the tracker tells its rate when it is connected)"),
         f"cycles   {options.n_cycles}, {_how_begun(robot)}{_how_first(config.run.first_cycle_speed)}",
     ]
+    if options.program is not None:
+        lines.append(f"copy     {describe_program_file(options.program.to_metadata())}")
     if simulated:
         run_s = (options.n_cycles - 1 + 1 / config.run.first_cycle_speed) * simulated.cycle_s
         lines.append(
