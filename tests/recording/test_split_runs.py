@@ -155,6 +155,21 @@ def test_every_part_is_a_whole_file_that_says_what_run_it_is_of(tmp_path: Path) 
     assert open_run(tmp_path / "run.mcap").devices == [device]
 
 
+def test_what_each_part_repeats_is_never_most_of_it(tmp_path: Path) -> None:
+    large = {"program.urp": bytes(20_000)}
+    run = open_run(write_split(tmp_path / "run.mcap", states_and_frames(), attachments=large))
+    assert len(run.parts) > 1
+    assert all(one.bytes_total > 40_000 for one in run.parts[:-1])
+    assert run[ROBOT].sequence.tolist() == list(range(N_RECORDS))
+
+
+def test_an_attachment_that_is_damaged_in_one_part_is_read_from_another(split: Path) -> None:
+    data = bytearray(split.read_bytes())
+    data[data.rindex(b"minimum_bend_radius_mm", 0, data.index(CHUNK))] ^= 1
+    split.write_bytes(data)
+    assert open_run(split).read_attachment("config.toml").decode() == MINIMAL_TOML
+
+
 def test_a_run_that_stays_below_the_size_is_one_file(tmp_path: Path) -> None:
     path = write_split(tmp_path / "run.mcap", states_and_frames(), 1_000_000)
     run = open_run(path)
@@ -311,12 +326,14 @@ def test_a_name_that_is_free_again_is_used_one_size_later(tmp_path: Path, monkey
     assert "Permission denied" in run[LOG].text[0]
 
 
-def test_a_run_is_refused_where_a_later_parts_name_is_taken(tmp_path: Path) -> None:
-    (tmp_path / "run.3.mcap.active").write_bytes(b"precious")
-    with pytest.raises(RecordingExistsError, match=r"run\.3\.mcap\.active exists already") as caught:
+@pytest.mark.parametrize(("name", "is_folder"), [("run.3.mcap.active", False), ("run.2.mcap", True)])
+def test_a_run_is_refused_where_a_later_parts_name_is_taken(tmp_path: Path, name: str, is_folder: bool) -> None:
+    taken = tmp_path / name
+    taken.mkdir() if is_folder else taken.write_bytes(b"precious")
+    with pytest.raises(RecordingExistsError, match=rf"{name} exists already") as caught:
         open_writer(tmp_path / "run.mcap", split_bytes=SPLIT_BYTES)
     assert "A later part of this run would have that name." in caught.value.hint
-    assert [path.name for path in tmp_path.iterdir()] == ["run.3.mcap.active"]
+    assert list(tmp_path.iterdir()) == [taken]
     assert open_run(write_split(tmp_path / "run.mcap", [make_state(1)], 0)).status.complete
 
 
