@@ -25,7 +25,7 @@ from recording_examples import (
 )
 
 from bench.cli.info import info
-from bench.errors import BenchError, DiskFullError, RecordingExistsError
+from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 from bench.model import DeviceInfo, Record
 from bench.recording import FRAME, LOG, POINTS, ROBOT, STATS, TOPICS, Run, RunFollower, open_run
 from bench.timing import ManualClock
@@ -205,6 +205,14 @@ def test_a_later_part_by_its_own_name_is_read_alone_and_says_so(split: Path) -> 
     assert "the run goes on in run.4.mcap" in str(run.status)
     assert "open run.mcap" in run.status.lost
     assert 0 < len(run[ROBOT].sequence) < N_RECORDS
+
+
+def test_a_missing_first_part_is_an_error_that_names_a_later_one(split: Path) -> None:
+    split.unlink()
+    with pytest.raises(RecordingError, match=r"run\.mcap cannot be opened") as caught:
+        open_run(split)
+    assert caught.value.hint.endswith("run.2.mcap is called like a later part of it, and can be read alone.")
+    assert open_run(part(split.parent, 2)).part_number == 2
 
 
 def test_a_missing_part_costs_what_is_in_it_and_is_named(split: Path) -> None:
