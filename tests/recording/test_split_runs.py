@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from recording_examples import (
     MINIMAL_TOML,
     T0_NS,
@@ -243,7 +244,17 @@ def test_a_missing_last_part_is_missed_by_the_one_before(split: Path) -> None:
     assert run[ROBOT].sequence.tolist() == list(range(len(run[ROBOT].sequence)))
 
 
-@pytest.mark.parametrize("kind", ["another run", "junk", "another part", "empty"])
+def write_with_other_channels(path: Path) -> None:
+    with path.open("wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start()
+        writer.add_metadata("bench.run", {"run_id": "run-7"})
+        schema = writer.register_schema("bench_msgs/msg/RobotState", "ros2msg", b"int64 sequence")
+        writer.add_message(writer.register_channel("/another/topic", "cdr", schema), 1, b"", 1)
+        writer.finish()
+
+
+@pytest.mark.parametrize("kind", ["another run", "junk", "another part", "empty", "cut", "other channels"])
 def test_what_is_only_called_like_a_part_is_none(tmp_path: Path, kind: str) -> None:
     path = write_split(tmp_path / "run.mcap", states_and_frames())
     kept = read_states(part(tmp_path, 2))
@@ -252,11 +263,14 @@ def test_what_is_only_called_like_a_part_is_none(tmp_path: Path, kind: str) -> N
         write_split(part(tmp_path, 2), [make_state(77)], 0, run_id="another")
     elif kind == "another part":
         shutil.copy(part(tmp_path, 4), part(tmp_path, 2))
+    elif kind == "other channels":
+        write_with_other_channels(part(tmp_path, 2))
     else:
-        part(tmp_path, 2).write_bytes(b"" if kind == "empty" else b"no mcap")
+        junk = {"empty": b"", "junk": b"no mcap", "cut": path.read_bytes()[:60]}
+        part(tmp_path, 2).write_bytes(junk[kind])
     run = open_run(path)
     assert run[ROBOT].sequence.tolist() == [i for i in range(N_RECORDS) if i not in kept]
-    assert run.status.lost.startswith("run.2.mcap (there is run.2.mcap, but it ")
+    assert run.status.lost.startswith("run.2.mcap (there is run.2.mcap, but ")
 
 
 def test_the_neighbour_of_a_run_in_one_file_is_not_its_part(tmp_path: Path) -> None:
