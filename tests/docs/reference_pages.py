@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, get_args
 
 from markdown_pages import ROOT
@@ -203,9 +204,15 @@ def _default(info: FieldInfo) -> str:
 
 
 def _kind(key: str, model: type[BaseModel]) -> str:
-    schema = config_schema()["$defs"][model.__name__]["properties"][key]
+    schema = _definitions()[model.__name__]["properties"][key]
     options = [o for o in schema.get("anyOf", [schema]) if o.get("type") != "null"]
     return " or ".join(_describe(option) for option in options)
+
+
+@cache
+def _definitions() -> dict[str, Any]:
+    definitions: dict[str, Any] = config_schema()["$defs"]
+    return definitions
 
 
 def _describe(schema: dict[str, Any]) -> str:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.run import ConfigArgument, config_or_simulated
-from bench.config import Config, ProgramFile, load_config, read_program_file
+from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none, settings_or_none
 from bench.errors import ConfigError
 
 if TYPE_CHECKING:
+    from bench.config import Config, ProgramFile
     from bench.model import CheckItem
     from bench.run import RunView
 
@@ -47,10 +47,10 @@ def check(
 
     view = RunView(Console())
     if recording is not None:
-        _judge_optics(recording, load_config(config) if config else None, view)
+        _judge_optics(recording, settings_or_none(config), view)
         return
     settings = config_or_simulated(config)
-    program = read_program_file(settings, config.parent) if config else None
+    program = program_or_none(settings, config)
     if watch:
         watch_robot(settings, Console())
     elif cycle:

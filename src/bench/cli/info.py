@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.config import describe_loaded_program, describe_program_file
 from bench.errors import BenchError
 
 if TYPE_CHECKING:
@@ -41,6 +40,8 @@ def info(
 
 
 def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
+    from bench.config import describe_loaded_program, describe_program_file
+
     about, facts = run.metadata["bench.run"], run.metadata.get("bench.facts", {})
     begin_ns, end_ns = run.span_ns
     words = (facts.get("name", ""), facts.get("sample_id", ""), facts.get("operator", ""))
@@ -49,6 +50,8 @@ def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "started", f"{about.get('started_utc', '')} on {about.get('host_name', '')}"
     yield "duration", f"{(end_ns - begin_ns) * 1e-9:.1f} s from the first record to the last"
     yield "size", f"{run.status.bytes_total / 1e6:.1f} MB"
+    for part in run.parts if len(run.parts) > 1 else []:
+        yield "part", f"{part.path.name}: {part.bytes_total / 1e6:.1f} MB, {part.n_messages} messages"
     yield "exit status", run.exit_status + (f": {run.exit_reason}" if run.exit_reason else "")
     yield "cycles", _count_cycles(run)
     yield "cycle source", run.metadata.get("bench.cycle_source", {}).get("source", "")

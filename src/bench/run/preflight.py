@@ -12,9 +12,9 @@ from bench.config import LARGEST_PROGRAM, Config, ProgramFile, describe_program_
 from bench.drivers.base import ProgramControl
 from bench.errors import BenchError, PreflightError
 from bench.model import CheckItem
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.robot_words import UR_WORDS, RobotWords, make_robot_words
 from bench.run.tally import FrameTally, RobotTally
-from bench.run.watcher import CycleWatcher
 
 __all__ = ["check_bench", "predict_bytes_per_s", "show_program_file", "verify_items"]
 

@@ -66,7 +66,7 @@ class RunSummary:
     """How a run ended and what it left."""
 
     path: Path | None
-    """The run file; None when nothing was driven, so that none was kept."""
+    """The run file, or its first part; None when nothing was driven, so that none was kept."""
     ending: Ending
     n_completed: int
     n_cycles: int
@@ -75,6 +75,8 @@ class RunSummary:
     cycles_s: float
     """Sum of the cycles' durations, in the run's own time."""
     warnings: list[str]
+    n_parts: int = 1
+    """Files that the recording was split into."""
 
 
 def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
@@ -164,6 +166,7 @@ class _Session:
         self._progress = RunProgress(options.n_cycles, options.n_before)
         self._ending = Ending(ExitStatus.FAIL, "ended without a reason")
         self._warnings: list[str] = []
+        self._n_told = 0
 
     def run(self) -> None:
         """Connect, check, drive; whatever happens, the ending is known afterwards."""
@@ -191,6 +194,9 @@ class _Session:
         if self._simulator is not None:
             self._simulator.verify_alive()
         self._journal.note_completed(self._progress.n_completed)
+        for text in self._writer.warnings[self._n_told :]:
+            self._view.say(text)
+            self._n_told += 1
         self._view.update(self._progress, self._writer, links, self._clock)
 
     def _close_writer(self) -> None:
@@ -199,7 +205,8 @@ class _Session:
             self._finish_file()
         except BaseException:
             self._journal.close(remove=False)
-            self._say_how_to_go_on(self._path.with_name(f"{self._path.name}.active"))
+            active = self._path.with_name(f"{self._path.name}.active")
+            self._say_how_to_go_on(active if active.exists() else self._path)  # it may have gone on in another part
             raise
         self._journal.close(remove=True)
         self._say_how_to_go_on(self._path)
@@ -317,7 +324,8 @@ class _Session:
             self._writer.stats,
             self._writer.bytes_written,
             sum(durations_ns) * 1e-9,
-            [*self._warnings, *self._progress.warnings, *self._closing.notes],
+            [*self._warnings, *self._writer.warnings, *self._progress.warnings, *self._closing.notes],
+            len(self._writer.paths),
         )
 
 
@@ -385,6 +393,7 @@ def _open_writer(
         extra=extra,
         attachments={**attach_calibration(config), **attach_program(program)},
         on_failure=lambda error: inbox.put(Fault(error)),
+        split_bytes=config.run.split_bytes,
     )
 
 
