@@ -25,7 +25,8 @@ from bench.timing import ManualClock, RunClock
 
 PATIENCE_S = 60.0
 PROMISE_S = 1.0
-N_KILLED = 5
+N_KILLED = 3
+SPLIT_BYTES = 20_000
 HOUR_NS = 3_600_000_000_000
 SHUTDOWN, WITHOUT_ITS_JOURNAL = 0x8004587D, 2  # linux: FS_IOC_SHUTDOWN, EXT4_GOING_FLAGS_NOLOGFLUSH
 
@@ -45,6 +46,18 @@ def test_what_is_put_until_a_second_before_a_kill_is_in_the_file(tmp_path: Path)
         losses = list(pool.map(kill_after, folders, [random.uniform(1.2, 2.2) for _ in folders]))
     for loss in losses:
         assert_within_the_promise(loss)
+
+
+def test_a_kill_while_the_run_goes_on_in_ever_new_parts_costs_no_more(tmp_path: Path) -> None:
+    folders = [tmp_path / str(i) for i in range(N_KILLED)]
+    for folder in folders:
+        folder.mkdir()
+    seconds = [random.uniform(1.5, 2.2) for _ in folders]
+    with ThreadPoolExecutor(N_KILLED) as pool:
+        losses = list(pool.map(kill_after, folders, seconds, [0.0, 0.0, 0.33], repeat(SPLIT_BYTES)))
+    for loss in losses:
+        assert_within_the_promise(loss)
+        assert loss.n_parts > 1
 
 
 def test_a_disk_that_takes_a_third_of_a_second_for_each_sync_keeps_the_promise(tmp_path: Path) -> None:

@@ -103,7 +103,7 @@ def test_what_does_not_matter_is_only_counted_and_many_changes_are_cut_short() -
     trends = [DriftTrend("shape", 1.5, 0.2, True, True), DriftTrend("max_curvature", -0.1, 0.01, True, True)]
     results = make_results(60, drift=make_drift(60, [bend, shape, small], trends))
     said = list_drift(results)
-    where = "most at 540.0\u00a0mm from the anchor, phase\u00a00.45, by −0.90\u00a01/m"
+    where = "most at 540\u00a0mm from the anchor, phase\u00a00.45, by −0.90\u00a01/m"
     assert said == [
         f"The cable's largest curvature changed with cycle\u00a030: by −0.80 ± 0.20\u00a01/m; {where}.",
         "The cable's shape changed with cycle\u00a031: by 0.40 ± 0.04\u00a0mm back towards that of the first cycles.",

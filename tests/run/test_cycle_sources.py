@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from bench.analysis import CounterColumns, CycleFollower, RobotSigns, count_cycles, find_cycles, make_cycle_source
 from bench.config import CycleConfig
 from bench.model import Record, RobotState
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.inbox import CycleCompleted, CycleStarted, Event
-from bench.run.watcher import CycleWatcher
 
 PERIOD_NS = 2_000_000
 START_RAD = (0.3, -1.2, 1.1, -0.4, 1.5, 0.0)

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.report import name_without_suffix, with_limits
+from bench.cli.report import name_without_suffix
+from bench.cli.settings import settings_or_none, with_limits
 from bench.cli.shapes import AMmOption, RadiusMmOption, ShapeKind, ShapeOption, choose_shape
 from bench.cli.text_tables import show_tables, verify_folder
-from bench.config import AnalysisConfig, load_config
 from bench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -79,6 +79,7 @@ def _study(folder: Path) -> None:
     import numpy as np
 
     from bench.analysis import ESTIMATORS
+    from bench.config import AnalysisConfig
     from bench.report.accuracy import (
         ACCURACY_FILES,
         ACCURACY_PAGE,
@@ -145,7 +146,7 @@ def _measure(
     from bench.report.pipeline import analyse_run
 
     chosen = choose_shape(kind, radius_mm, a_mm)
-    settings = load_config(config) if config else None
+    settings = settings_or_none(config)
     verify_folder(folder, (ACCURACY_PAGE, *ACCURACY_FILES))
     run = open_run(path)
     results = analyse_run(run, with_limits(run.config, settings, path) if settings else run.config, run_path=path.name)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.config import load_config, to_toml
+from bench.cli.settings import settings_or_none
 from bench.errors import RecordingError, RecordingExistsError
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ def calibrate(
     from bench.report.calibration import calibrate_run, describe_calibration
 
     recorded = open_run(run)
-    settings = load_config(config) if config else recorded.config
+    settings = settings_or_none(config) or recorded.config
     found = calibrate_run(recorded, settings, flange_body)
     for line in describe_calibration(found):
         print(line)
@@ -49,6 +49,8 @@ def calibrate(
 
 
 def _write(found: CalibrationResults, path: Path, force: bool) -> None:
+    from bench.config import to_toml
+
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("w" if force else "x", encoding="utf-8") as file:

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.report import name_without_suffix, with_limits
+from bench.cli.report import name_without_suffix
+from bench.cli.settings import settings_or_none, with_limits
 from bench.cli.shapes import AMmOption, ChosenShape, RadiusMmOption, ShapeKind, ShapeOption, choose_shape
 from bench.cli.text_tables import verify_folder
-from bench.config import Config, load_config
 from bench.errors import ConfigError
 
 if TYPE_CHECKING:
+    from bench.config import Config
     from bench.report.comparison import Comparison
     from bench.report.results import Results
 
@@ -52,7 +53,7 @@ def compare(
     Exit code 5: results exist, or a file cannot be read. 6: the two have no stretch of cable or no phase in common.
     """
     against = _choose_second(second, shape, radius_mm, a_mm, align)
-    settings = load_config(config) if config else None
+    settings = settings_or_none(config)
     name = name_without_suffix(against) if isinstance(against, Path) else str(against.kind)
     folder = output or first.parent / f"{name_without_suffix(first)}-against-{name}"
     from bench.report.comparison import COMPARISON_FILES, describe_comparison, write_comparison

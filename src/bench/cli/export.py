@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.report import name_without_suffix, with_limits
-from bench.config import load_config
+from bench.cli.report import name_without_suffix
+from bench.cli.settings import settings_or_none, with_limits
 from bench.errors import ConfigError
 from bench.report.export import ExportFormat
 
@@ -50,7 +50,7 @@ def export(
         _export_topics(run, topics, output or run.with_name(f"{name_without_suffix(run)}.topics"))
         return
     target = output or run.with_name(f"{name_without_suffix(run)}.{format_}")
-    settings = load_config(config) if config else None
+    settings = settings_or_none(config)
     from bench.recording import open_run
     from bench.report.export.formats import export_markers
     from bench.report.pipeline import analyse_run

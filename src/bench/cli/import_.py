@@ -10,8 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.config import load_config, to_toml
-
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -28,6 +26,8 @@ def import_(
     output: Annotated[Path, typer.Option("--output", help="Run file to write. Never overwritten.")],
 ) -> None:
     """Turn a tracker's own recording into a run file, for `bench report`."""
+    from bench.config import load_config, to_toml
+
     settings = load_config(config)
     from bench.run.import_take import import_take
     from bench.timing import RunClock

@@ -10,20 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.settings import settings_or_none, with_limits
 from bench.cli.text_tables import verify_folder
-from bench.config import Config, load_config
 from bench.errors import BenchError, ConfigError
-from bench.model import Outcome
 
 if TYPE_CHECKING:
+    from bench.config import Config
     from bench.report.results import Results
 
-__all__ = ["name_without_suffix", "report", "with_limits"]
+__all__ = ["name_without_suffix", "report"]
 
-EXIT_CODES = {Outcome.PASS: 0, Outcome.FAIL: 1, Outcome.ERROR: 6}
-"""ERROR is the bench's fault: there is no verdict on the cable, so the analysis did not succeed."""
-GATES = ("minimum_bend_radius_mm", "stretch", "axial_stiffness_n", "max_tension_n", "shorten")
-"""Keys of [cable] that are limits of the analysis and not facts about the cable that was recorded."""
+EXIT_CODES = {"PASS": 0, "FAIL": 1, "ERROR": 6}
+"""By outcome. ERROR is the bench's fault: there is no verdict on the cable, so the analysis did not succeed."""
 
 
 def report(
@@ -54,7 +52,8 @@ def report(
     there is no verdict; also when the analysis itself cannot be done. A take without a robot passes when the limit
     holds. Of several runs the largest code counts. Results that exist are never overwritten (exit code 5).
     """
-    settings = load_config(config) if config else None
+    settings = settings_or_none(config)
+    runs = [run for run in runs if not _is_reported_with_another(run, runs)]
     folders = _output_folders(runs, output)
     for folder in folders:
         _verify_free(folder, mcap=mcap)
@@ -62,6 +61,21 @@ def report(
         raise typer.Exit(_report_one(runs[0], folders[0], settings, mcap=mcap))
     codes = [_report_or_say(run, folder, settings, mcap=mcap) for run, folder in zip(runs, folders, strict=True)]
     raise typer.Exit(max(codes))
+
+
+def _is_reported_with_another(run: Path, runs: Sequence[Path]) -> bool:
+    """Tell, also on the screen, that a file is a later part of a run whose first part is among `runs`."""
+    from bench.recording import find_first, open_run
+
+    first = find_first(run)
+    given = [one for one in runs if first is not None and one in (first, first.with_name(f"{first.name}.active"))]
+    try:
+        if not given or open_run(run).part_number == 1:
+            return False
+    except BenchError:
+        return False
+    print(f"{run} is a part of the run of {given[0]}, and in its report.")
+    return True
 
 
 def _output_folders(runs: Sequence[Path], output: Path | None) -> list[Path]:
@@ -124,32 +138,20 @@ def _report_one(path: Path, folder: Path, settings: Config | None, *, mcap: bool
     return EXIT_CODES[results.outcome]
 
 
-def with_limits(recorded: Config, settings: Config, path: Path) -> Config:
-    """Return the recording's configuration with analysis, calibration and the cable's limits of `settings`."""
-    if settings.cable.arc_length_m != recorded.cable.arc_length_m:
-        print(
-            f"warning: {path} was recorded with other marker places than --config gives; the recording's are kept.",
-            file=sys.stderr,
-        )
-    limits = {name: getattr(settings.cable, name) for name in GATES}
-    cable = recorded.cable.model_copy(update=limits)
-    changes = {"analysis": settings.analysis, "cable": cable}
-    if settings.calibration.measured is not None:
-        changes["calibration"] = settings.calibration
-    return recorded.model_copy(update=changes)
-
-
 def _print_summary(results: Results, page: Path) -> None:
+    from bench.report.cautions import list_cautions
     from bench.report.headline import summarise
-    from bench.report.wording import describe_interval, describe_outcome, describe_place, say_mm
+    from bench.report.wording import describe_interval, describe_outcome, describe_place, describe_seen, say_radius
 
     headline = summarise(results)
     print(f"{results.outcome.value}: {' '.join(describe_outcome(results, headline))}")
-    print(f"cycles: {headline.n_ok} of {headline.n_cycles} ok")
+    print(f"cycles: {headline.n_ok} of {headline.n_cycles} ok; {describe_seen(results) or 'no frames'}")
     bend = headline.tightest
     if bend is not None:
-        measured = f"{say_mm(bend.radius_mm)} mm, {describe_interval(bend)}"
+        measured = f"{say_radius(bend.radius_mm, bend.low_mm)} mm, {describe_interval(bend)}"
         print(f"smallest bend radius: {measured}; limit {headline.limit_mm:g} mm; {describe_place(bend)}")
+    for sentence in list_cautions(results, headline):
+        print(f"look at: {sentence}")
     n_frames = results.frames.frame_number.size
     if results.analysis_s > 0:
         print(

@@ -12,11 +12,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.config import load_config, simulated_config
-from bench.timing import RunClock, patience_ns
-
 if TYPE_CHECKING:
     from bench.simulation.bench import SimulatedBench
+    from bench.timing import RunClock
 
 __all__ = ["serve_bench", "simulate"]
 
@@ -36,6 +34,8 @@ def simulate(
     until_stdin_closes: Annotated[bool, typer.Option("--until-stdin-closes", hidden=True)] = False,
 ) -> None:
     """Serve the simulated robot and tracker alone, for trying any client against them. Ctrl-C ends it."""
+    from bench.timing import RunClock
+
     run_clock = RunClock.from_text(clock) if clock else RunClock.start(speed)
     serve_bench(config, run_clock, truth=truth, until_stdin_closes=until_stdin_closes)
 
@@ -53,6 +53,7 @@ def serve_bench(
     ConfigError, ConnectError, RecordingError
         The configuration cannot be simulated, a port is in use, the truth file cannot be written.
     """
+    from bench.config import load_config, simulated_config
     from bench.simulation.bench import SimulatedBench
 
     config = load_config(config_path) if config_path is not None else simulated_config()
@@ -83,6 +84,8 @@ def _stop_at_end_of_input(bench: SimulatedBench) -> None:
 
 
 def _say_lag(lag_ns: int, clock: RunClock) -> None:
+    from bench.timing import patience_ns
+
     if lag_ns > patience_ns(clock, WORTH_SAYING_S):
         machine_s = lag_ns / clock.speed * 1e-9
         print(f"This machine was up to {machine_s:.2f} s too slow for --speed {clock.speed:g}.", file=sys.stderr)

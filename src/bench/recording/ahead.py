@@ -15,6 +15,7 @@ import numpy as np
 
 from bench.recording.chunks import Data, Offsets, read_chunk, read_offsets
 from bench.recording.container import Chunk, DamagedError
+from bench.recording.files import RunFiles
 
 __all__ = ["Batch", "read_ahead"]
 
@@ -45,12 +46,12 @@ class Batch:
             yield Batch((chunk,), self.data, (end,), own, ())
 
 
-def read_ahead(descriptor: int, chunks: Iterable[Chunk], wanted: Collection[int]) -> Iterator[Batch]:
+def read_ahead(files: RunFiles, chunks: Iterable[Chunk], wanted: Collection[int]) -> Iterator[Batch]:
     """Yield all of the chunks, with the messages of the wanted channels."""
     with ThreadPoolExecutor(1, "unpacking") as thread:
         ahead: deque[Future[Batch]] = deque()
         for group in _group_chunks(chunks):
-            ahead.append(thread.submit(_read_batch, descriptor, group, wanted))
+            ahead.append(thread.submit(_read_batch, files, group, wanted))
             if len(ahead) > AHEAD:
                 yield ahead.popleft().result()
         while ahead:
@@ -70,15 +71,15 @@ def _group_chunks(chunks: Iterable[Chunk]) -> Iterator[list[Chunk]]:
         yield group
 
 
-def _read_batch(descriptor: int, chunks: list[Chunk], wanted: Collection[int]) -> Batch:
+def _read_batch(files: RunFiles, chunks: list[Chunk], wanted: Collection[int]) -> Batch:
     sound: list[Chunk] = []
     parts: list[Data] = []
     offsets: dict[int, list[Offsets]] = {}
     damaged, ends = [], [0]
     for chunk in chunks:
         try:
-            data = read_chunk(descriptor, chunk)
-            found = read_offsets(descriptor, chunk, data, wanted)
+            data = read_chunk(files, chunk)
+            found = read_offsets(files, chunk, data, wanted)
         except DamagedError as error:
             damaged.append((chunk, error))
             continue

@@ -24,8 +24,9 @@ from bench.recording import Run
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
+from bench.report.trace import TracedCable
 
-__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end"]
+__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,6 +42,9 @@ COMPARED_FRAMES = 200
 END_SIGMAS = 3.0
 ON_CURVE_SIGMA_M = 2e-3
 """Worse known than this, an end's place tells the sorter where to look, but nothing of how the cable bends there."""
+STANDS_OUT = 1.1
+"""A bend beside an end is told where it is this times the usual one elsewhere: on a cable bent alike all along, noise
+alone puts the largest there."""
 
 
 @dataclass(eq=False)
@@ -136,6 +140,37 @@ def verify_end(ends: CableEnds, points: PointFrames, config: Config) -> dict[str
         )
         ends.end = None
     return {"Cable's end": fact}
+
+
+def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Floats) -> list[str]:
+    """Return what to say where the cable bends most beside an end of the curve whose direction is not known.
+
+    Up to the next marker nothing shows how the cable bends there, and beside a clamp it bends most.
+
+    Parameters
+    ----------
+    ends : CableEnds
+    traced : TracedCable
+    bend_map_per_m : (P, G)
+        Median curvature by phase and place; NaN where nothing was seen.
+    """
+    largest = np.where(np.isfinite(bend_map_per_m), bend_map_per_m, 0.0).max(axis=0, initial=0.0)
+    if not largest.any() or "elastica" in traced.curve.method:
+        return []
+    bend_m = float(traced.arc_length_m[largest.argmax()])
+    nodes = np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
+    for holder, end, (last_m, next_m) in (("anchor", ends.anchor, nodes[:2]), ("end", ends.end, nodes[:-3:-1])):
+        known = end is not None and bool(np.isfinite(end.tangent).any())
+        beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)
+        if not known and beside[largest.argmax()] and largest.max() > STANDS_OUT * np.median(largest[~beside]):
+            told = (
+                f"The cable bends most {1e3 * abs(bend_m - last_m):.0f} mm from where its curve ends, with the next "
+                f"marker {1e3 * abs(next_m - last_m):.0f} mm from there, and the direction of the clamp on that side "
+                "is not known: it may be bent tighter there than any interval says. Give "
+                f"[cable.{holder}] clamp_direction, or set markers closer to that clamp."
+            )
+            return [told]
+    return []
 
 
 def _describe(end: CableEnd) -> str:

@@ -15,7 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.drift import find_drift
-from bench.report.ends import find_cable_ends, find_up_axis, verify_end
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end, warn_of_end_bend
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -34,6 +34,7 @@ from bench.report.source import (
 )
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
+from bench.report.wording import say_percent
 
 __all__ = ["analyse_run"]
 
@@ -110,6 +111,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
+        program_facts=run.metadata.get("bench.program", {}),
         attention=find_attention(cycles, placed.verdicts),
         noted=read_noted(run),
         warnings=[
@@ -118,6 +120,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *ends.warnings,
             *traced.markers.warnings,
             *traced.curve.warnings,
+            *warn_of_end_bend(ends, traced, bend_map),
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
@@ -200,7 +203,7 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
     warnings = [str(text) for text in json.loads(run.metadata.get("bench.import", {}).get("warnings", "[]"))]
     if exit_status == UNFINISHED:
         lost = f" Lost: {run.status.lost}." if run.status.lost else ""
-        warnings.append(f"The recording was not finished: {run.status.text}.{lost}")
+        warnings.append(f"The recording was not finished.{lost}")
     elif run.status.lost:
         warnings.append(f"The recording is damaged; lost: {run.status.lost}.")
     if len(frames) == 0:
@@ -213,8 +216,8 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; in the others the curve is less certain beside a "
-            "missing marker, and ends at the last one found. "
+            f"All markers were found in {say_percent(fraction)} of the frames; in the others the curve is less certain "
+            "beside a missing marker, and ends at the last one found. "
             "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())

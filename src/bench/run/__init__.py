@@ -4,11 +4,11 @@ from bench.run.live_process import LiveAddress
 from bench.run.plan import describe_plan
 from bench.run.preflight import verify_items
 from bench.run.resume import Origin, read_origin, verify_origin
+from bench.run.robot_watch import watch_robot
 from bench.run.session import RunOptions, RunSummary, check, run
 from bench.run.simulator import with_free_addresses
 from bench.run.slow_cycle import make_slow_cycle
 from bench.run.view import RunView
-from bench.run.watch import watch_robot
 
 __all__ = [
     "LiveAddress",

@@ -77,6 +77,13 @@ def test_a_program_the_controller_does_not_have_is_named(start_controller, open_
     assert "/programs" in caught.value.hint
 
 
+def test_the_loaded_program_is_told_with_its_folder(start_controller, open_program):
+    start_controller(HOST)
+    program = open_program()
+    program.load(PROGRAM)
+    assert program.tell_loaded() == {"loaded": "/programs/bend_test.urp"}
+
+
 def test_a_play_without_a_program_is_refused(start_controller, open_program):
     start_controller(HOST)
     with pytest.raises(DeviceStateError, match="refuses 'play'"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.calibration.correlation import correlation_length
@@ -152,9 +152,10 @@ class _Problem:
 
     def __init__(self, track: PoseTrack, seen: FlangeSightings) -> None:
         self.track, self.seen = track, seen
-        turns = None if seen.quaternion_xyzw is None else Rotation.from_quat(seen.quaternion_xyzw).as_matrix()
-        self.turns: Floats | None = turns
-        self.has_turns = turns is not None
+        self.turns: Floats | None = None
+        if seen.quaternion_xyzw is not None:
+            self.turns = scipy.spatial.transform.Rotation.from_quat(seen.quaternion_xyzw).as_matrix()
+        self.has_turns = self.turns is not None
         free = np.ones(13, dtype=bool)
         free[6:9] = self.has_turns
         self.free = np.flatnonzero(free)
@@ -167,7 +168,7 @@ class _Problem:
         if self.turns is None:
             return apart
         body = state.lab.rotation @ turn @ state.body.rotation
-        between = Rotation.from_matrix(np.swapaxes(body, 1, 2) @ self.turns).as_rotvec()
+        between = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(body, 1, 2) @ self.turns).as_rotvec()
         return np.hstack([apart, between])
 
     def solve(self, state: _State) -> tuple[_State, Bools]:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.calibration.hand_eye import FlangeSightings
@@ -95,7 +94,7 @@ class _Speeds:
     def refine(self, offset_s: float) -> tuple[float, float]:
         """Return the least cost near an offset of the grid, and where it is."""
         bounds = (offset_s - 2 * STEP_S, offset_s + 2 * STEP_S)
-        found = minimize_scalar(self.cost, bounds=bounds, method="bounded", options={"xatol": 1e-7})
+        found = scipy.optimize.minimize_scalar(self.cost, bounds=bounds, method="bounded", options={"xatol": 1e-7})
         return float(found.fun), float(found.x)
 
     def sigma_s(self, offset_s: float) -> tuple[float, float]:
@@ -192,9 +191,11 @@ def _translation(track: PoseTrack, sightings: FlangeSightings, chords: _Chords) 
 
 def _rotation(track: PoseTrack, quaternion_xyzw: Floats, chords: _Chords) -> _Speeds:
     grid, half = _grid(track), chords.half_s
-    before, after = (Rotation.from_quat(quaternion_xyzw[rows]) for rows in (chords.first, chords.second))
+    before, after = (
+        scipy.spatial.transform.Rotation.from_quat(quaternion_xyzw[rows]) for rows in (chords.first, chords.second)
+    )
     seen = (before.inv() * after).magnitude() / chords.span_s
-    behind, ahead = (Rotation.from_matrix(track.at(grid + sign * half)[0]) for sign in (-1, 1))
+    behind, ahead = (scipy.spatial.transform.Rotation.from_matrix(track.at(grid + sign * half)[0]) for sign in (-1, 1))
     driven = np.asarray((behind.inv() * ahead).magnitude() / (2 * half), dtype=np.float64)
     return _Speeds(chords.middle_s, seen**2, grid, driven**2)
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bench.analysis.arrays import Bools, Floats
 from bench.errors import AnalysisError
@@ -43,10 +42,10 @@ class PoseTrack:
         self.time_s = time_s[kept]
         """(m,): moments at which the pose is known."""
         self.usual_step_s = float(np.median(np.diff(self.time_s)))
-        quaternion = Rotation.from_rotvec(pose[kept, 3:]).as_quat()
+        quaternion = scipy.spatial.transform.Rotation.from_rotvec(pose[kept, 3:]).as_quat()
         flips = np.where((quaternion[1:] * quaternion[:-1]).sum(axis=1) < 0, -1.0, 1.0)
         quaternion[1:] *= np.cumprod(flips)[:, None]
-        self._spline = CubicSpline(self.time_s, np.hstack([pose[kept, :3], quaternion]))
+        self._spline = scipy.interpolate.CubicSpline(self.time_s, np.hstack([pose[kept, :3], quaternion]))
 
     def covers(self, time_s: Floats) -> Bools:
         """Return for each moment whether the pose is known on both sides of it, without a gap between."""
@@ -62,4 +61,4 @@ class PoseTrack:
     def at(self, time_s: Floats) -> tuple[Floats, Floats]:
         """Return rotations (m, 3, 3) and positions (m, 3) at moments (m,), base frame."""
         values = self._spline(time_s)
-        return Rotation.from_quat(values[:, 3:]).as_matrix(), values[:, :3]
+        return scipy.spatial.transform.Rotation.from_quat(values[:, 3:]).as_matrix(), values[:, :3]

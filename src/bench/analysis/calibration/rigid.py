@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.spatial.transform import Rotation
+import scipy
 
 from bench.analysis.arrays import Bools, Floats
 from bench.errors import AnalysisError
@@ -56,7 +56,8 @@ class RigidTransform:
 
     def changed_by(self, step: Floats) -> RigidTransform:
         """Return the transform after a small step (6,): turned further about the target's axes (rad), shifted (m)."""
-        return RigidTransform(Rotation.from_rotvec(step[:3]).as_matrix() @ self.rotation, self.shift_m + step[3:])
+        turn = scipy.spatial.transform.Rotation.from_rotvec(step[:3]).as_matrix()
+        return RigidTransform(turn @ self.rotation, self.shift_m + step[3:])
 
 
 @dataclass(frozen=True, eq=False)

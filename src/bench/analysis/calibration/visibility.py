@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import nnls
-from scipy.spatial import ConvexHull, QhullError
+import scipy
 
 from bench.analysis.arrays import Bools, Floats
 from bench.analysis.calibration.prediction import predict_position
@@ -93,8 +92,8 @@ def _find_corners(nodes: Floats) -> Floats:
     seen = seen[:: max(1, -(-len(seen) // MOST_HULL_POINTS))]
     try:
         # QJ: a flat cloud, as of a cable that stays in a plane, has a hull too
-        return np.asarray(seen[ConvexHull(seen, qhull_options="QJ").vertices])
-    except (QhullError, ValueError):  # too few points
+        return np.asarray(seen[scipy.spatial.ConvexHull(seen, qhull_options="QJ").vertices])
+    except (scipy.spatial.QhullError, ValueError):  # too few points
         return np.asarray(seen)
 
 
@@ -102,7 +101,8 @@ def _way_out(point_m: Floats, corners_m: Floats) -> Floats:
     """Return the vector (3,) from the nearest place within a convex hull to a point; zero for a point inside."""
     apart = (corners_m - point_m).T
     weight = SUM_WEIGHT * max(float(np.abs(apart).max()), 1e-3)
-    share, _ = nnls(np.vstack([apart, np.full(len(corners_m), weight)]), np.array([0.0, 0.0, 0.0, weight]))
+    corners_and_sum = np.vstack([apart, np.full(len(corners_m), weight)])
+    share, _ = scipy.optimize.nnls(corners_and_sum, np.array([0.0, 0.0, 0.0, weight]))
     return np.asarray(-(apart @ share) / share.sum())
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from bench.analysis.arrays import Bools, Floats32, Ints
 from bench.analysis.curvature.bends import find_peaks
@@ -44,7 +44,7 @@ def find_isolated_bends(curvature_per_m: Floats32, sigma_per_m: Floats32, usable
     isolated = np.zeros(len(peak), dtype=bool)
     if len(frames) < FEWEST_FRAMES:
         return isolated
-    around = median_filter(peak[frames], size=_span_in_frames(time_ns), mode="nearest")
+    around = scipy.ndimage.median_filter(peak[frames], size=_span_in_frames(time_ns), mode="nearest")
     stands_out = peak[frames] - around > NOISE_SPANS * np.nan_to_num(sigma[frames])
     isolated[frames] = stands_out & (peak[frames] > RATIO * around)
     return isolated

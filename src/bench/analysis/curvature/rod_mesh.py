@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bench.analysis.arrays import Floats, Ints
 
@@ -82,5 +82,5 @@ def _step(even: Floats) -> Floats:
     return np.asarray(1.0 - CROWDING * np.cos(2 * np.pi * even))
 
 
-def _integrals(at_m: Floats) -> CubicSpline:
-    return CubicSpline(at_m, np.eye(len(at_m))).antiderivative()
+def _integrals(at_m: Floats) -> scipy.interpolate.CubicSpline:
+    return scipy.interpolate.CubicSpline(at_m, np.eye(len(at_m))).antiderivative()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, median_of_rows
 
@@ -99,7 +99,7 @@ class _Template:
     """The markers by phase: a smooth curve through places at ascending phases."""
 
     def __init__(self, phase: Floats, position_m: Floats, beyond: float) -> None:
-        self._curve = make_interp_spline(phase, position_m, k=min(3, len(phase) - 1))
+        self._curve = scipy.interpolate.make_interp_spline(phase, position_m, k=min(3, len(phase) - 1))
         self._ends = phase[0] - beyond, phase[-1] + beyond
 
     def at(self, phase: Floats) -> Floats:

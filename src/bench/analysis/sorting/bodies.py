@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints, chunks, frame_of_points, pad_points
 
@@ -68,7 +68,7 @@ def bridge_poses(time_ns: Ints, position_m: Floats, quaternion_xyzw: Floats) -> 
     gap_ns, place = np.diff(time_ns[known]), np.searchsorted(known, np.arange(len(pose)))
     inside = ~np.isfinite(pose).all(axis=1) & (place > 0) & (place < len(known))
     lost = np.flatnonzero(inside)[gap_ns[place[inside] - 1] <= LONGEST_BRIDGE_NS]
-    pose[lost] = CubicSpline(since_s[known], pose[known])(since_s[lost])
+    pose[lost] = scipy.interpolate.CubicSpline(since_s[known], pose[known])(since_s[lost])
     return pose[:, :3], pose[:, 3:]
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.sorting.marker_motion import MarkerMotion
@@ -151,7 +151,7 @@ class MarkerFit:
         jumps = measure_jumps(
             self._apart, self._before, self._after, self._own >= 0, time_s, self._variance, self._jolt
         )
-        close = maximum_filter1d(jumps, 2 * WINDOW + 1) > JUMP_SIGMAS**2
+        close = scipy.ndimage.maximum_filter1d(jumps, 2 * WINDOW + 1) > JUMP_SIGMAS**2
         first, last = np.maximum(rows - WINDOW, 0), np.minimum(rows + WINDOW, len(rows) - 1)
         scores = self._fit_own(np.where(close, first, -1), last)
         return scores < DOUBTED, jumps

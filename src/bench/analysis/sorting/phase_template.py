@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import median_filter
+import scipy
 
 from bench.analysis.arrays import Floats, Floats32, Ints
 
@@ -209,7 +209,7 @@ def _without_leaps(usual_m: Floats, reach_m: Floats) -> Floats:
     """Return a template (B + 1, k, 3) without places where most cycles are wrong, told by those before and after."""
     filled = usual_m.copy()
     _interpolate(filled)
-    around = median_filter(np.nan_to_num(filled), size=(LEAP_BINS, 1, 1), mode="nearest")
+    around = scipy.ndimage.median_filter(np.nan_to_num(filled), size=(LEAP_BINS, 1, 1), mode="nearest")
     return np.where(np.linalg.norm(usual_m - around, axis=-1, keepdims=True) <= reach_m[:, None], usual_m, np.nan)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from scipy.ndimage import maximum_filter1d
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Ints
 from bench.analysis.sorting.gates import SortSettings
@@ -188,7 +188,7 @@ def _find_culprits(doubtful: Bools, jumps: Floats) -> Bools:
 
     A ghost makes the markers beside it doubtful too, for they seem not to move with it.
     """
-    jumps = maximum_filter1d(jumps, 2 * WINDOW + 1, axis=1)
+    jumps = scipy.ndimage.maximum_filter1d(jumps, 2 * WINDOW + 1, axis=1)
     farthest = np.zeros_like(jumps)
     for step in range(1, REACH + 1):
         farthest[step:] = np.maximum(farthest[step:], jumps[:-step])

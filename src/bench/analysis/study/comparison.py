@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize_scalar
+import scipy
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Ints
 from bench.analysis.calibration.rigid import RigidTransform, kabsch
@@ -188,7 +188,7 @@ def align_in_time(first_m: Floats, second_m: Floats, *, repeats: bool, in_space:
 
     steps = np.arange(-(n_phases // 2), n_phases // 2 + 1) / n_phases
     best = float(min(steps, key=lambda shift: (misfit(shift), abs(shift))))
-    found = minimize_scalar(misfit, bounds=(best - 1 / n_phases, best + 1 / n_phases), method="bounded")
+    found = scipy.optimize.minimize_scalar(misfit, bounds=(best - 1 / n_phases, best + 1 / n_phases), method="bounded")
     return float(found.x) if found.fun < misfit(best) else best
 
 

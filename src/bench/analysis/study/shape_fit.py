@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares, minimize_scalar
+import scipy
 
 from bench.analysis.arrays import Floats
 from bench.analysis.calibration.rigid import RigidTransform, align_points
@@ -105,7 +105,7 @@ def fit_size(
     def misfit(scale: float) -> float:
         return _refine(position_m, marker_arc_length_m, make(size_m * scale), start).rms_m
 
-    found = minimize_scalar(misfit, bounds=SIZE_RANGE, method="bounded", options={"xatol": 1e-5})
+    found = scipy.optimize.minimize_scalar(misfit, bounds=SIZE_RANGE, method="bounded", options={"xatol": 1e-5})
     return size_m * float(found.x)
 
 
@@ -155,7 +155,7 @@ def _refine(
         free = 0.0 if shape.is_uniform else slid.mean()
         return np.concatenate([off.ravel(), SLACK * (slid - free)])
 
-    found = least_squares(misfit, np.zeros(6 + len(at_m)), method="lm")
+    found = scipy.optimize.least_squares(misfit, np.zeros(6 + len(at_m)), method="lm")
     pose, at_m = pose.changed_by(found.x[:6]), at_m + found.x[6:]
     offset = float(np.mean(at_m - marker_arc_length_m))
     return ShapeFit(pose, at_m, offset, position_m - pose.apply(shape.place(at_m)))
