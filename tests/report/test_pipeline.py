@@ -236,6 +236,12 @@ def test_unlabeled_points_of_a_rigid_body_are_found_by_its_pose(tmp_path: Path) 
     assert np.array_equal(results.frames.source, truth)
 
 
+def test_a_cable_that_is_thrown_round_is_followed_in_every_frame(tmp_path: Path) -> None:
+    results, truth = analyse(tmp_path, RunSpec(n_cycles=1))  # its last marker turns by up to 40 m/s²
+    assert results.methods["sorting"] == "track"
+    assert np.array_equal(results.frames.source, truth)
+
+
 def test_frames_in_which_the_body_is_not_tracked_are_counted_and_sorted_by_those_around(tmp_path: Path) -> None:
     def lose_body(i: int, values: dict[str, Any]) -> dict[str, Any]:
         lost = tuple(replace(body, tracking_valid=False) for body in values["bodies"])
