@@ -103,7 +103,7 @@ def _context(results: Results) -> dict[str, Any]:
         "outcome": describe_outcome(results, headline),
         "ending": describe_ending(results),
         "cautions": list_cautions(results, headline),
-        "cycles": describe_cycles(headline),
+        "cycles": describe_cycles(headline, len(odd)),
         "radius": say_radius(headline.tightest.radius_mm, headline.tightest.low_mm) if headline.tightest else "",
         "interval": describe_interval(headline.tightest) if headline.tightest else "",
         "place": describe_place(headline.tightest) if headline.tightest else "",
