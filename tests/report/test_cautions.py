@@ -5,6 +5,7 @@ import pytest
 from synthetic_results import make_results
 
 from bench.report.cautions import list_cautions
+from bench.report.ends import END_BEND
 from bench.report.headline import summarise
 from bench.report.html import render_report
 from bench.report.results import Results
@@ -54,3 +55,8 @@ def test_the_odd_cycles_have_one_number_of_decimals():
     page = render_report(results)
     row = page[page.index('<th scope="row" class="n">4</th>') :]
     assert " ± 4.0<" in row
+
+
+def test_a_warning_that_names_the_clamp_stands_for_the_general_one():
+    texts = cautions_of(make_results(5, warnings=[f"{END_BEND} at the end of its curve."]))
+    assert texts == [f"{END_BEND} at the end of its curve."]

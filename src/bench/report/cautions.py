@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.report.drift_text import warn_about_drift
+from bench.report.ends import END_BEND
 from bench.report.headline import Headline, find_unjudged_bend
 from bench.report.methods import warn_about_clamps
 from bench.report.results import Results
@@ -20,7 +21,8 @@ SMALL_SHARE = 0.02
 
 def list_cautions(results: Results, headline: Headline) -> list[str]:
     """Return one sentence each: what is particular to this run first, what holds for the method last."""
-    clamps = warn_about_clamps(results) if headline.tightest else ""
+    named = any(text.startswith(END_BEND) for text in results.warnings)
+    clamps = warn_about_clamps(results) if headline.tightest and not named else ""
     unseen = _warn_about_unseen(results) if headline.tightest else ""
     texts = [_warn_about_unjudged(results), unseen, *warn_about_drift(results), *results.warnings, clamps]
     return [text for text in texts if text]
