@@ -118,7 +118,8 @@ class PreflightError(RunError):
     """
 
     def __init__(self, failures: Sequence[str], *, exit_code: int | None = None, hint: str = "") -> None:
-        super().__init__("Preflight failed: " + " ".join(failures), hint=hint)
+        between = "\n  - " if len(failures) > 1 else " "
+        super().__init__(f"Preflight failed:{between}{between.join(failures)}", hint=hint)
         self.failures = tuple(failures)
         if exit_code is not None:
             self.exit_code = exit_code

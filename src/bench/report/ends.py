@@ -26,7 +26,10 @@ from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
 from bench.report.trace import TracedCable
 
-__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
+__all__ = ["AT_THE_TCP", "END_BEND", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
+
+END_BEND = "The cable bends most"
+"""How the warning begins that names the clamp beside which a bend is read too gently."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -173,10 +176,11 @@ def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Float
         known = end is not None and bool(np.isfinite(end.tangent).any())
         beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)
         if not known and beside[largest.argmax()] and largest.max() > STANDS_OUT * np.median(largest[~beside]):
+            apart_mm, side = 1e3 * abs(bend_m - last_m), "at the anchor" if holder == "anchor" else "at the far end"
+            where = f"{apart_mm:.0f} mm from the end of its curve" if apart_mm >= 1 else "at the end of its curve"
             told = (
-                f"The cable bends most {1e3 * abs(bend_m - last_m):.0f} mm from where its curve ends, with the next "
-                f"marker {1e3 * abs(next_m - last_m):.0f} mm from there, and the direction of the clamp on that side "
-                "is not known: it may be bent tighter there than any interval says. Give "
+                f"{END_BEND} {where} {side}, where the next marker is {1e3 * abs(next_m - last_m):.0f} mm away and the "
+                "direction of the clamp is not known: it may be bent tighter there than any interval says. Give "
                 f"[cable.{holder}] clamp_direction, or set markers closer to that clamp."
             )
             return [told]
