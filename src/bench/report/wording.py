@@ -118,7 +118,7 @@ def describe_outcome(results: Results, headline: Headline) -> list[str]:
     meaning = {
         Outcome.PASS: "The bench found nothing against the cable in this run.",
         Outcome.FAIL: f"The cable was bent tighter than {limit}." if crossed else "The cable did not pass.",
-        Outcome.ERROR: "The bench was at fault. This is no verdict on the cable.",
+        Outcome.ERROR: "This is no verdict on the cable: the bench, or what it recorded, was at fault.",
     }[results.outcome]
     if results.outcome is Outcome.PASS and headline.tightest is not None and not crossed:
         meaning = f"No bend tighter than {limit} was measured."
@@ -140,12 +140,13 @@ def describe_ending(results: Results) -> str:
     return f"{how}: {reason}." if reason else f"{how}."
 
 
-def describe_cycles(headline: Headline) -> str:
+def describe_cycles(headline: Headline, n_odd: int) -> str:
     """Return how many cycles there are, and how many of them need no look."""
     if not headline.n_cycles:
         return "no cycle was completed"
     if headline.n_ok == headline.n_cycles:
-        return "all ok" if headline.n_cycles > 1 else "ok"
+        well = "recorded whole" if n_odd else "ok"  # a cycle with verdict ok may need a look all the same
+        return f"all {well}" if headline.n_cycles > 1 else well
     return f"{say_count(headline.n_ok)} ok, {say_count(headline.n_cycles - headline.n_ok)} not"
 
 

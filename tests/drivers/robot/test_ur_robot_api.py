@@ -28,23 +28,8 @@ from bench.simulation.ur.kinds import POLYSCOPE_X
 HOST = "127.0.63.4"
 SCRIPTED = "127.0.63.5"
 PROGRAM = "bend_test.urp"
+CONTROL = RobotApiProgram
 MANY = 200
-
-
-@pytest.fixture
-def open_program(clock, make_config):
-    """Open program controls that are closed at the end whatever happens."""
-    controls = []
-
-    def start(host=HOST, **keys):
-        control = RobotApiProgram(make_config(host), clock, **keys)
-        controls.append(control)
-        control.open()
-        return control
-
-    yield start
-    for control in controls:
-        control.close()
 
 
 class Api:
