@@ -12,6 +12,7 @@ from bench.recording import POINTS, ROBOT, Run, batches, open_run
 from bench.recording.ahead import work_in_turn
 from bench.recording.chunks import Data, read_offsets
 from bench.recording.container import Chunk, DamagedError
+from bench.recording.files import RunFiles
 from bench.recording.gathering import MESSAGE_HEAD
 
 N_RECORDS = 60
@@ -78,12 +79,12 @@ def test_of_a_batch_only_the_damaged_chunks_are_lost_and_each_is_named(
     (robot,) = [key for key, channel in container.channels.items() if channel.topic == ROBOT]
     original = batches.read_chunk
 
-    def spoil(descriptor: int, chunk: Chunk) -> Data:
+    def spoil(files: RunFiles, chunk: Chunk) -> Data:
         if chunk is unpacked:
             raise DamagedError("it does not unpack")
-        data = bytearray(original(descriptor, chunk))
+        data = bytearray(original(files, chunk))
         if chunk is unread:
-            last = read_offsets(descriptor, chunk, bytes(data), [robot])[robot][-1]
+            last = read_offsets(files, chunk, bytes(data), [robot])[robot][-1]
             data[last + MESSAGE_HEAD.itemsize] = 9  # no CDR
         return bytes(data)
 
@@ -105,12 +106,12 @@ def test_an_index_that_names_messages_of_the_next_chunk_is_not_believed(
     original = batches.read_index
     first = next(chunk for chunk in run._container.chunks if chunk.index)
 
-    def shift(descriptor: int, chunk: Chunk, wanted: list[int]) -> dict[int, np.ndarray]:
-        found = original(descriptor, chunk, wanted)
+    def shift(files: RunFiles, chunk: Chunk, wanted: list[int]) -> dict[int, np.ndarray]:
+        found = original(files, chunk, wanted)
         return {key: places + first.unpacked_size for key, places in found.items()} if chunk is first else found
 
     monkeypatch.setattr(batches, "read_index", shift)
-    again = Run(run.path, run._container)
+    again = Run([run.path], run._container)
     assert again[ROBOT].sequence.tolist() == whole
     assert again.status.complete
 
