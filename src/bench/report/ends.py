@@ -176,12 +176,13 @@ def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Float
         known = end is not None and bool(np.isfinite(end.tangent).any())
         beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)
         if not known and beside[largest.argmax()] and largest.max() > STANDS_OUT * np.median(largest[~beside]):
-            apart_mm, side = 1e3 * abs(bend_m - last_m), "at the anchor" if holder == "anchor" else "at the far end"
-            where = f"{apart_mm:.0f} mm from the end of its curve" if apart_mm >= 1 else "at the end of its curve"
+            apart_mm, side = 1e3 * abs(bend_m - last_m), "anchor's" if holder == "anchor" else "far"
+            where = f"{apart_mm:.0f} mm from" if apart_mm >= 1 else "at"
             told = (
-                f"{END_BEND} {where} {side}, where the next marker is {1e3 * abs(next_m - last_m):.0f} mm away and the "
-                "direction of the clamp is not known: it may be bent tighter there than any interval says. Give "
-                f"[cable.{holder}] clamp_direction, or set markers closer to that clamp."
+                f"{END_BEND} {where} the {side} end of its curve: the next marker there is "
+                f"{1e3 * abs(next_m - last_m):.0f} mm away, and the direction of the clamp is not known: it may be "
+                f"bent tighter there than any interval says. Give [cable.{holder}] clamp_direction, or set markers "
+                "closer to that clamp."
             )
             return [told]
     return []
