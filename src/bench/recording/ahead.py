@@ -16,6 +16,8 @@ __all__ = ["work_in_turn"]
 
 N_THREADS = 2
 """More would wait for their turn: the second step is nearly half of the work."""
+AHEAD = 16
+"""Items that are begun at most. Half of them are waited for at once: who wakes up for each stops one who works."""
 
 _Item = TypeVar("_Item")
 _Prepared = TypeVar("_Prepared")
@@ -37,7 +39,9 @@ def work_in_turn(
         begun: deque[Future[_Done]] = deque()
         for item in items:
             begun.append(threads.submit(work, item, begun[-1] if begun else None))
-            if len(begun) > N_THREADS:
-                yield begun.popleft().result()
+            if len(begun) == AHEAD:
+                begun[AHEAD // 2].result()
+                while begun and begun[0].done():
+                    yield begun.popleft().result()
         while begun:
             yield begun.popleft().result()
