@@ -106,6 +106,19 @@ def test_the_band_widens_beside_clamps_where_markers_are_sparse(stiffness_nm2: f
     assert 0.9 <= coverage(known, found) <= 0.998
 
 
+@pytest.mark.parametrize(("stiffness_nm2", "n_markers"), [(0.3, 10), (0.05, 10), (0.02, 10), (0.01, 15)])
+def test_the_band_holds_the_truth_up_to_ends_whose_direction_is_unknown(stiffness_nm2: float, n_markers: int) -> None:
+    known = make_rods(stiffness_nm2, n_markers).repeat(8)
+    found = fit(known, known.see(np.random.default_rng(118), NOISE_M))
+    beside = (known.places_m < known.marker_s_m[1]) | (known.places_m > known.marker_s_m[-2])
+    inside = np.abs(found.curvature_per_m - known.curvature_per_m) <= 2 * found.sigma_per_m
+    assert inside[:, beside].mean() > 0.9
+    held = fit(known, known.markers_m, clamp(known.tangents, TANGENT_RAD, known.marker_s_m[-1]))
+    middle = len(known.places_m) // 2
+    assert held.sigma_per_m[0, 0] < found.sigma_per_m[0, 0]
+    assert found.sigma_per_m[0, middle] < 0.5 * found.sigma_per_m[0, 0]
+
+
 def test_a_cable_that_is_alike_all_along_has_no_wider_band_anywhere() -> None:
     rng = np.random.default_rng(116)
     s, frames = np.linspace(0, 1.5, 16), 400

@@ -145,7 +145,7 @@ def test_a_robot_that_stops_in_its_cycle_leaves_the_frames_to_the_chain_search()
     phase = np.where(stops, np.minimum(take.phase + 0.3, 0.999), take.phase)  # the clock runs on and the cable does not
     found = sort_take(take, CLEAN, phase=phase)
     assert (found.source[stops] == take.source[stops]).all(axis=1).mean() > 0.9
-    assert any("fits less than half" in note for note in found.warnings)
+    assert any("less than half of the markers in sight" in note for note in found.warnings)
 
 
 @given(st.integers(0, 2**32 - 1))

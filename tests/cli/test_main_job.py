@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from pathlib import Path
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench_command import bench, simulated_file
+from bench_command import bench, one_sentence, simulated_file
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from truth import join_truth, score_sorting
@@ -17,13 +18,15 @@ from truth import join_truth, score_sorting
 from bench.recording import open_run
 
 N_CYCLES = 20
+PROGRAM = bytes(range(256))
 
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Run 20 cycles and their report once, for all tests of this module."""
     folder = tmp_path_factory.mktemp("job")
-    config = simulated_file(folder)
+    config = simulated_file(folder, ("[robot]\n", '[robot]\nprogram_file = "bend v3.urp"\n'))
+    (folder / "bend v3.urp").write_bytes(PROGRAM)
     run = bench(
         "run", config, "--cycles", str(N_CYCLES), "--speed", "8",
         "--output", folder / "a.mcap", "--truth", folder / "truth.parquet",
@@ -55,6 +58,25 @@ def test_the_run_file_holds_what_was_checked_before_it_and_which_program_was_loa
     checked = open_run(job / "a.mcap").metadata["bench.preflight"]
     assert checked["program loaded"] == "ok: bend_test.urp"
     assert {"robot ready", "robot rate", "tracker rate", "markers", "disk space"} <= checked.keys()
+
+
+def test_the_program_that_was_named_travels_with_its_hash_and_is_told_everywhere(job: Path) -> None:
+    run, digest = open_run(job / "a.mcap"), hashlib.sha256(PROGRAM).hexdigest()
+    assert run.read_attachment("program.urp") == PROGRAM
+    assert run.metadata["bench.program"]["sha256"] == digest
+    told = f"bend v3.urp, 256 bytes, SHA-256 {digest}"
+    assert run.metadata["bench.preflight"]["program file"] == f"ok: {told}"
+    assert json.loads((job / "a" / "summary.json").read_text())["run_facts"]["Program file"] == told
+    assert told in (job / "a" / "report.html").read_text()
+    assert told in bench("info", job / "a.mcap").stdout
+
+
+def test_a_run_does_not_go_on_with_another_program(job: Path, tmp_path: Path) -> None:
+    config = simulated_file(tmp_path, ("[robot]\n", '[robot]\nprogram_file = "bend v3.urp"\n'))
+    (tmp_path / "bend v3.urp").write_bytes(PROGRAM + b".")
+    again = bench("run", config, "--cycles", "40", "--resume", job / "a.mcap", "--output", tmp_path / "b.mcap")
+    assert "was another test, with another program" in one_sentence(again, 2)
+    assert not list(tmp_path.glob("b.mcap*"))
 
 
 def test_run_file_and_report_say_how_well_the_cycles_times_are_known(job: Path) -> None:

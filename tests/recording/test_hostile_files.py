@@ -147,6 +147,22 @@ def test_an_attachments_name_is_never_a_path(recording: bytes, tmp_path: Path) -
             assert [one.name for one in make_reader(stream).iter_attachments()] == names
 
 
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"\0" * 16 + b"\xff\xff\xff\xff" + b"program.urp",
+        b"\0" * 16 + b"\x0b\0\0\0program.urp" + b"\0\0\0\0" + b"\xff" * 8 + b"content",
+        b"\0" * 16 + b"\x02\0\0\0\xff\xfe" + b"\0\0\0\0" + b"\0" * 12,
+    ],
+)
+def test_an_attachment_with_lying_lengths_is_not_read(recording: bytes, tmp_path: Path, body: bytes) -> None:
+    path = tmp_path / "lying.mcap"
+    path.write_bytes(_without_end(recording) + _record(9, body))
+    with _bounded_memory(), pytest.raises(RecordingError, match="no attachment"):
+        open_run(path).read_attachment("program.urp")
+
+
 def test_a_file_of_nothing_but_damage_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "damage.mcap"
     path.write_bytes(b"\x89MCAP0\r\n" + b"\xff" * (3 << 20) + b"\x03\0\0\0lz4" * 1000)

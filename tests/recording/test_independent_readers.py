@@ -62,11 +62,11 @@ def read_with_rosbags(path: Path) -> dict[str, list[Any]]:
     return theirs
 
 
-def read_with_javascript(path: Path) -> dict[str, list[Any]]:
+def read_with_javascript(path: Path, *how: str) -> dict[str, list[Any]]:
     """Read every message with the libraries of Foxglove and Lichtblick."""
     if shutil.which("node") is None or not (JAVASCRIPT / "node_modules").is_dir():
-        pytest.skip(f"needs Node.js, and once: npm install --prefix {JAVASCRIPT}")
-    done = subprocess.run(["node", JAVASCRIPT / "read.mjs", path], capture_output=True, text=True, check=True)
+        pytest.skip(f"needs Node.js, and once: npm ci --prefix {JAVASCRIPT}")
+    done = subprocess.run(["node", JAVASCRIPT / "read.mjs", path, *how], capture_output=True, text=True, check=True)
     theirs: dict[str, list[Any]] = {}
     for line in done.stdout.splitlines():
         topic, log_time, publish_time, sequence, decoded = json.loads(line, object_hook=_from_json)
@@ -143,18 +143,11 @@ def test_an_independent_reader_agrees_on_every_topic(
         _assert_agrees(run[topic], found, topic)
 
 
-def test_an_unfinished_file_is_read_as_the_library_reads_it_up_to_its_end(whole: Path) -> None:
-    last = _chunks_of(whole)[-1]
-    whole.write_bytes(whole.read_bytes()[: last.chunk_start_offset + last.chunk_length - 7])
-    run = open_run(whole)
-    theirs = read_up_to_the_end(whole)
-    assert {topic: len(found) for topic, found in theirs.items()} == run.topics
-    assert "the end of the file" in run.status.text
-    for topic, found in theirs.items():
-        _assert_agrees(run[topic], found, topic)
+def read_up_to_the_end_with_javascript(path: Path) -> dict[str, list[Any]]:
+    return read_with_javascript(path, "unfinished")
 
 
-def read_up_to_the_end(path: Path) -> dict[str, list[Any]]:
+def read_up_to_the_end_with_mcap(path: Path) -> dict[str, list[Any]]:
     """Read the messages of the whole chunks with MCAP's own library, which raises where the file ends."""
     theirs: dict[str, list[Any]] = {}
     schemas: dict[int, Schema] = {}
@@ -172,6 +165,20 @@ def read_up_to_the_end(path: Path) -> dict[str, list[Any]]:
                 assert decode is not None
                 theirs.setdefault(channel.topic, []).append((record, decode(record.data)))
     return theirs
+
+
+@pytest.mark.parametrize("read", [read_up_to_the_end_with_mcap, read_up_to_the_end_with_javascript])
+def test_an_unfinished_file_is_read_as_the_libraries_read_it_up_to_its_end(
+    whole: Path, read: Callable[[Path], dict[str, list[Any]]]
+) -> None:
+    last = _chunks_of(whole)[-1]
+    whole.write_bytes(whole.read_bytes()[: last.chunk_start_offset + last.chunk_length - 7])
+    run = open_run(whole)
+    theirs = read(whole)
+    assert {topic: len(found) for topic, found in theirs.items()} == run.topics
+    assert "the end of the file" in run.status.text
+    for topic, found in theirs.items():
+        _assert_agrees(run[topic], found, topic)
 
 
 def _assert_agrees(columns: Columns, found: list[Any], topic: str) -> None:

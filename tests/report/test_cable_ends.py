@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from run_examples import ARC_LENGTH_M, BODY_ANCHOR, ROBOT_HZ, TRACKER_HZ, RunSpec, cycle_at, radius_at, write_run
 
+from bench.analysis import CableEnd
 from bench.model import DeviceInfo, RigidBody, RobotState
 from bench.recording import open_run
+from bench.report.ends import CableEnds, warn_of_end_bend
 from bench.report.pipeline import analyse_run
 from bench.report.results import Results
 
@@ -87,6 +90,16 @@ def test_a_rigid_body_at_the_end_tells_its_place_and_direction(tmp_path: Path) -
     assert "last marker" in results.run_facts["Cable's end"]
     assert "140.0 mm of cable" in results.run_facts["Cable's end"]
     assert not [text for text in results.warnings if "cable's end" in text]
+
+
+def test_an_end_that_is_too_vague_for_the_curve_is_said_not_to_be_used(tmp_path: Path) -> None:
+    def describe(spec: RunSpec, name: str) -> list[str]:
+        (tmp_path / name).mkdir()
+        notes = analyse(tmp_path / name, replace(spec, n_cycles=1))[0].method_notes["curvature"]
+        return [text for text in notes if "[cable.end]" in text]
+
+    assert "10 mm" in describe(HELD, "vague")[0]
+    assert describe(replace(HELD, extra_toml=HELD.extra_toml + "clamp_m = [0.0, 0.0, 0.0]\n"), "known") == []
 
 
 def test_an_end_that_no_cable_reaches_is_a_warning(tmp_path: Path) -> None:
@@ -170,3 +183,48 @@ def test_the_marker_on_the_flange_is_not_taken_for_the_cables(tmp_path: Path) ->
     known = slice(2, len(truth) - 5)
     assert np.array_equal(results.frames.source[known], truth[known])
     assert results.run_facts["Time offset"].startswith("+0.000 ms (sd 0.010 ms)")
+
+
+def warn_of(bend_m: float, ends: CableEnds, method: str = "menger_gp", more: float = 1.0) -> list[str]:
+    """Return what is said of a cable of 5 markers 0.1 m apart, the first at 0, that bends more at a place."""
+    places = np.linspace(0.0, 0.4, 41)
+    traced: Any = SimpleNamespace(
+        curve=SimpleNamespace(method=method), arc_length_m=places, marker_arc_length_m=np.linspace(0.0, 0.4, 5)
+    )
+    bends = 2.0 + more * (np.abs(places - bend_m) < 0.005) * np.linspace(0, 1, 10)[:, None]
+    bends[3] = np.nan
+    return warn_of_end_bend(ends, traced, bends)
+
+
+def test_a_largest_bend_beside_a_clamp_of_unknown_direction_is_told() -> None:
+    held = CableEnd(np.zeros((1, 3)), np.zeros(1), np.array([[1.0, 0.0, 0.0]]), np.zeros(1))
+    nothing = CableEnds()
+    told = warn_of(0.02, nothing)
+    assert "20 mm" in told[0]
+    assert "[cable.anchor] clamp_direction" in told[0]
+    assert "[cable.end] clamp_direction" in warn_of(0.4, nothing)[0]
+    assert warn_of(0.02, CableEnds(end=held)) == told
+    for place, ends, method, more in [
+        (0.2, nothing, "menger_gp", 1.0),
+        (0.02, CableEnds(anchor=held), "menger_gp", 1.0),
+        (0.4, CableEnds(end=held), "menger_gp", 1.0),
+        (0.02, nothing, "menger_gp, elastica beside the clamps", 1.0),
+        (0.02, nothing, "menger_gp", 0.1),
+    ]:
+        assert warn_of(place, ends, method, more) == []
+
+
+def test_a_run_whose_cable_bends_most_at_its_clamp_says_so(tmp_path: Path) -> None:
+    def bend(_: int, values: dict[str, Any]) -> dict[str, Any]:
+        points = values["points_m"].copy()
+        points[:, 1] += 0.8 * np.maximum(0.15 - points[:, 0], 0.0) ** 2
+        return {**values, "points_m": points}
+
+    spec = RunSpec(
+        n_cycles=1,
+        analysis='sorting = "chain"\ncurvature = "menger_gp"',
+        anchor='kind = "static_marker"\nposition_m = [0.0, 0.018, 0.0]',
+        change_points=bend,
+    )
+    results, _ = analyse(tmp_path, spec)
+    assert [text for text in results.warnings if "The cable bends most" in text]

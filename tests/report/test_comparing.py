@@ -73,6 +73,20 @@ def test_a_run_in_another_space_is_far_until_it_is_aligned(first, tmp_path):
     assert describe_comparison(aligned)["aligned in space"].startswith("the second was turned by 90.0")
 
 
+def test_programs_that_both_recordings_carry_are_held_against_each_other(first):
+    facts = {"file": "bend.urp", "bytes": "7", "sha256": "ab" * 32}
+    same = dataclasses.replace(first, program_facts=facts)
+    other = dataclasses.replace(first, program_facts=facts | {"sha256": "cd" * 32})
+    assert f"the same program in both: bend.urp, 7 bytes, SHA-256 {'ab' * 32}." in compare_runs(same, same).notes[-1]
+    told = compare_runs(same, other).notes[-1]
+    assert told.startswith("The robot drove by different programs: bend.urp")
+    assert "ab" * 32 in told
+    assert "cd" * 32 in told
+    assert not any("program" in note for note in compare_runs(first, other).notes)
+    loaded = dataclasses.replace(first, program_facts={"loaded": "bend", "loaded_sha256": "ef" * 32})
+    assert "the same program in both: bend" in compare_runs(loaded, loaded).notes[-1]
+
+
 def test_a_late_motion_is_put_forward(first):
     phase = first.frames.cycle_phase
     late = np.where(np.isfinite(phase), np.clip(phase * 0.9, 0, 1), phase)

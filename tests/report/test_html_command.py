@@ -51,7 +51,8 @@ def test_the_results_stand_beside_the_run_by_default(recordings, tmp_path, capsy
     names = {path.name for path in (tmp_path / "a").iterdir()}
     assert names == {"report.html", "summary.json", "cycles.parquet", "markers.parquet", "curvature.parquet"}
     said = capsys.readouterr().out
-    for part in ("PASS: No bend tighter", "cycles: 2 of 2 ok", "smallest bend radius:", "frames/s", "report.html"):
+    first = ("PASS: No bend tighter", "cycles: 2 of 2 ok; every marker found in ", "smallest bend radius:")
+    for part in (*first, "look at: Beside the clamps", "frames/s", "report.html"):
         assert part in said
 
 

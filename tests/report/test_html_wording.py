@@ -18,17 +18,22 @@ from bench.report.headline import (
     summarise,
 )
 from bench.report.methods import describe_methods, warn_about_clamps
-from bench.report.results import ClockFinding
+from bench.report.results import ClockFinding, StreamFinding
 from bench.report.wording import (
     describe_clocks,
+    describe_cycles,
     describe_ending,
     describe_interval,
     describe_losses,
     describe_outcome,
     describe_place,
+    describe_seen,
     say_mm,
     say_number,
     say_percent,
+    say_radius,
+    say_range,
+    say_short_time,
     say_utc,
 )
 
@@ -99,19 +104,29 @@ def test_an_unknown_noise_gives_an_unknown_interval():
 def test_intervals_and_places_read_as_words():
     assert describe_interval(bend()) == "58.0 to 62.0\u00a0mm (± 2\u00a0sd)"
     assert describe_interval(bend(high_mm=math.inf)).startswith("58.0\u00a0mm or more")
-    assert describe_place(bend()) == "120.0\u00a0mm from the anchor, cycle\u00a04, phase\u00a00.250"
+    assert describe_place(bend()) == "120\u00a0mm from the anchor, cycle\u00a04, phase\u00a00.25"
     assert describe_place(bend(cycle_phase=math.nan, arc_length_mm=math.nan)) == "cycle\u00a04"
 
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(4.136, "4.14"), (65.55, "65.5"), (1140.0, f"1{THIN}140"), (math.nan, "–"), (math.inf, "∞"), (0.0, "0.00")],
+    [
+        (4.136, "4.14"),
+        (65.55, "65.5"),
+        (1140.0, "1140"),
+        (12345.0, f"12{THIN}345"),
+        (math.nan, "–"),
+        (math.inf, "∞"),
+        (0.0, "0.00"),
+    ],
 )
 def test_lengths_have_about_four_figures(value, text):
     assert say_mm(value) == text
 
 
-def test_numbers_use_a_real_minus_and_group_thousands():
+def test_numbers_use_a_real_minus_and_group_thousands_from_five_digits_on():
+    assert say_number(1234.5, 1) == "1234.5"
+    assert say_number(12345.0, 0) == f"12{THIN}345"
     assert say_number(-1234567.5, 1) == f"{MINUS}1{THIN}234{THIN}567.5"
 
 
@@ -144,7 +159,7 @@ def test_a_fail_by_the_limit_names_the_limit_and_its_reasons_follow():
         ("abort", "The run was aborted: all done."),
         ("fail", "The run failed: all done."),
         ("unfinished", "The recording was never finished: all done."),
-        ("import", "Imported take: all done."),
+        ("import", "All done."),
         ("odd", "The run ended with status odd: all done."),
     ],
 )
@@ -153,19 +168,67 @@ def test_every_way_a_run_can_end_is_one_sentence(status, words):
 
 
 def test_losses_read_as_one_line():
-    nothing = Headline(1, 1, 60.0, None, 0, 0, 0)
+    nothing = Headline(1, 1, 60.0, None, 0, 0, {})
     assert describe_losses(nothing) == "no stream is counted in this recording"
     assert describe_losses(dataclasses.replace(nothing, n_recorded=5)).startswith("nothing dropped, nothing missed")
-    assert describe_losses(dataclasses.replace(nothing, n_missed=5)).startswith("0 dropped by the bench, 5 never came")
+    lossy = dataclasses.replace(nothing, missed_from={"tracker": 5, "robot": 2})
+    assert (
+        describe_losses(lossy)
+        == "0 dropped by the bench, 7 never came from the tracker and the robot; 0 records written"
+    )
+
+
+def test_a_frame_that_never_came_counts_once_though_two_topics_miss_it():
+    lost = [StreamFinding(topic, 100.0, 98, 98, 0, 2) for topic in ("/tracker/frame", "/tracker/points")]
+    results = make_results(2, streams=[StreamFinding("/robot/state", 500.0, 9, 9, 0, 0), *lost])
+    assert summarise(results).missed_from == {"tracker": 2}
+    assert summarise(results).n_missed == 2
+
+
+def test_a_limit_inside_the_interval_is_said_beside_the_verdict():
+    results = with_maxima([1 / 0.0601])
+    results.cycles.max_curvature_sigma_per_m[:] = 0.5
+    assert describe_outcome(results, summarise(results))[-1].startswith("The limit lies inside the interval")
+
+
+@pytest.mark.parametrize(
+    ("low_mm", "radius", "interval"),
+    [(125.4, "138", "125 to 152"), (136.4, "137.6", "136.4 to 152.3"), (137.5, "137.64", "137.50 to 152.31")],
+)
+def test_a_radius_has_no_more_figures_than_its_interval_leaves_it(low_mm, radius, interval):
+    assert say_radius(137.64, low_mm) == radius
+    assert say_range(137.64, low_mm, 152.31) == interval
+
+
+def test_a_radius_of_unknown_uncertainty_has_about_four_figures():
+    assert say_radius(137.64, math.nan) == "137.6"
+
+
+@pytest.mark.parametrize(
+    ("time_us", "text"), [(70.6, "71\u00a0µs"), (1842.0, "1.8\u00a0ms"), (15_300.0, "15\u00a0ms"), (math.nan, "–")]
+)
+def test_a_short_time_is_told_in_the_unit_that_suits_it(time_us, text):
+    assert say_short_time(time_us) == text
+
+
+def test_cycles_that_are_ok_and_need_a_look_are_not_called_all_ok():
+    headline = summarise(make_results(3))
+    assert describe_cycles(headline, 0) == "all ok"
+    assert describe_cycles(headline, 3) == "all recorded whole"
+
+
+def test_how_much_was_seen_is_said_unless_there_was_nothing_to_see():
+    assert describe_seen(make_results(0)) == ""
+    assert describe_seen(make_results(3)).startswith("every marker found in ")
 
 
 def test_clocks_read_as_one_line_for_each_device():
     def clock(device: str, segment: int, drift: float, residual: float) -> ClockFinding:
         return ClockFinding(device, segment, "echoes", 0.0, drift, residual, 9)
 
-    assert describe_clocks([clock("robot", 0, -3.0, 9.0)]) == [f"robot: {MINUS}3.0 ppm, residual 9 µs"]
+    assert describe_clocks([clock("robot", 0, -3.0, 9.0)]) == [f"robot: drift {MINUS}3.0\u00a0ppm, residual 9\u00a0µs"]
     assert describe_clocks([clock("robot", 0, 1, 9.0), clock("robot", 1, 2, 30.0)]) == [
-        "robot: 2 segments, residual 30 µs at most"
+        "robot: 2 segments, residual 30\u00a0µs at most"
     ]
     assert describe_clocks([clock("take", 0, math.nan, math.nan)]) == ["take: residual not known"]
 

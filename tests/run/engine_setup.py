@@ -6,13 +6,13 @@ from fake_robot import FakeRobot, PumpingInbox
 
 from bench.config import PolicyConfig
 from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RobotState, RunState, StateChange
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.engine import RunEngine
 from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
 from bench.run.holding import Holding
 from bench.run.progress import RunLimits, RunProgress
 from bench.run.states import RunStates
-from bench.run.watcher import CycleWatcher
 from bench.timing import ManualClock
 
 

@@ -14,9 +14,9 @@ from bench.drivers.base import SpeedControl
 from bench.drivers.robot import make_state_stream
 from bench.errors import DeviceStateError, PreflightError
 from bench.model import RobotState, StampKind, TrackerFrame
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.preflight import check_bench, predict_bytes_per_s, verify_items
 from bench.run.tally import FrameTally, RobotTally
-from bench.run.watcher import CycleWatcher
 from bench.timing import ManualClock
 
 CONFIGS = Path(__file__).parents[2] / "bench_configs"

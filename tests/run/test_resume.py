@@ -9,22 +9,37 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bench.config import Config, simulated_config, to_toml
+from bench.config import Config, ProgramFile, simulated_config, to_toml
 from bench.errors import ConfigError, RecordingError, RunError
 from bench.model import CycleEvent, CycleEventKind, RunState, StateChange
-from bench.recording import RunWriter
+from bench.recording import CYCLE, RunWriter, open_run
+from bench.run.about import attach_program
 from bench.run.journal import Journal, is_held, journal_path, read_completed
-from bench.run.resume import RESUMED, hash_test, read_origin, verify_origin
+from bench.run.resume import PROGRAM, RESUMED, hash_test, read_origin, verify_origin
 from bench.timing import ManualClock
 
 
 def write_run(
-    path: Path, n_recorded: int, n_before: int = 0, *, extra: dict[str, dict[str, str]] | None = None
+    path: Path,
+    n_recorded: int,
+    n_before: int = 0,
+    *,
+    extra: dict[str, dict[str, str]] | None = None,
+    program: ProgramFile | None = None,
+    split_bytes: int = 0,
 ) -> Path:
     clock = ManualClock()
-    resumed = {RESUMED: {"completed": str(n_before)}} if n_before else {}
+    notes = {RESUMED: {"completed": str(n_before)}} if n_before else {}
+    notes |= {PROGRAM: program.to_metadata()} if program else {}
     writer = RunWriter(
-        path, clock, config_toml=to_toml(simulated_config()), versions={}, run_id="r1", extra=resumed | (extra or {})
+        path,
+        clock,
+        config_toml=to_toml(simulated_config()),
+        versions={},
+        run_id="r1",
+        extra=notes | (extra or {}),
+        attachments=attach_program(program),
+        split_bytes=split_bytes,
     )
     for i in range(n_recorded):
         for kind in (CycleEventKind.GRANTED, CycleEventKind.STARTED, CycleEventKind.COMPLETED):
@@ -92,6 +107,30 @@ def test_the_journal_knows_the_last_second_that_the_file_lacks(tmp_path: Path) -
     assert "Of 1 of them the end was not recorded" in origin.describe()
 
 
+def test_a_run_that_was_killed_in_its_third_part_is_gone_on_with_from_its_last_cycle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    path = write_run(tmp_path / "a.mcap", 9, split_bytes=9_000)
+    parts = open_run(path).parts
+    assert len(parts) > 3
+    for part in parts[3:]:
+        part.path.unlink()
+    data = parts[2].path.read_bytes()
+    parts[2].path.unlink()
+    (tmp_path / "a.3.mcap.active").write_bytes(data[: data.index(b"bench.continues") - 13])
+    recorded = open_run(path)[CYCLE]
+    n_recorded = int((recorded.kind == CycleEventKind.COMPLETED).sum())
+    journal_path(path).write_text(json.dumps({"completed": n_recorded + 1}) + "\n")
+    origin = read_origin(path)
+    assert 0 < n_recorded < 9
+    assert (origin.n_completed, origin.n_recorded) == (n_recorded + 1, n_recorded)
+    assert origin.to_metadata()["file"] == "a.mcap"
+    with pytest.raises(RunError, match=r"a\.3\.mcap\.active is part 3 of the run that begins in a\.mcap") as caught:
+        read_origin(tmp_path / "a.3.mcap.active")
+    assert caught.value.hint == f"Go on with that: --resume {path}."
+
+
 def test_a_run_that_went_on_with_another_counts_from_there(tmp_path: Path) -> None:
     assert read_origin(write_run(tmp_path / "b.mcap", 4, n_before=7)).n_completed == 11
 
@@ -109,6 +148,46 @@ def test_addresses_limits_and_policies_may_change(tmp_path: Path) -> None:
     config = change(config, "cable", max_speed_m_s=1.0)
     verify_origin(origin, change(config, "run", name="b", operator="somebody"), 3)
     assert hash_test(config) == hash_test(origin.config)
+
+
+BEND = ProgramFile("bend.urp", b"\x1f\x8b a program")
+
+
+def test_the_copy_of_the_program_goes_on_with_the_run(tmp_path: Path) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=BEND))
+    assert origin.read_program() == BEND
+    verify_origin(origin, simulated_config(), 10, BEND)
+    assert origin.doubt_program(BEND) == ""
+    assert read_origin(write_run(tmp_path / "b.mcap", 2)).read_program() is None
+
+
+def test_another_program_is_another_test(tmp_path: Path) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=BEND))
+    changed = ProgramFile("bend.urp", BEND.content + b".")
+    with pytest.raises(ConfigError, match=f"with another program: .*{BEND.sha256}; now .*{changed.sha256}"):
+        verify_origin(origin, simulated_config(), 10, changed)
+    verify_origin(origin, simulated_config(), 10, ProgramFile("renamed.urp", BEND.content))
+
+
+@pytest.mark.parametrize(("before", "now"), [(BEND, None), (None, BEND)])
+def test_a_program_that_only_one_of_two_runs_knows_is_told(
+    tmp_path: Path, before: ProgramFile | None, now: ProgramFile | None
+) -> None:
+    origin = read_origin(write_run(tmp_path / "a.mcap", 2, program=before))
+    verify_origin(origin, simulated_config(), 10, now)
+    without = "this run" if now is None else "a.mcap"
+    assert origin.doubt_program(now).endswith(f"cannot be told: {without} has no copy of it.")
+
+
+def test_a_damaged_copy_is_not_carried_on(tmp_path: Path) -> None:
+    path = write_run(tmp_path / "a.mcap", 2, program=BEND)
+    path.write_bytes(path.read_bytes().replace(b"a program", b"a progrom"))
+    with pytest.raises(RecordingError, match=r"no attachment 'program\.urp' that is undamaged"):
+        read_origin(path).read_program()
+    lying = {PROGRAM: BEND.to_metadata() | {"sha256": "0" * 64}}
+    path = write_run(tmp_path / "b.mcap", 2, program=BEND, extra=lying)
+    with pytest.raises(RecordingError, match="is not what its SHA-256 says"):
+        read_origin(path).read_program()
 
 
 def test_a_run_with_all_its_cycles_is_refused(tmp_path: Path) -> None:

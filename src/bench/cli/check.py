@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.settings import ConfigArgument, config_or_simulated, settings_or_none
+from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none, settings_or_none
 from bench.errors import ConfigError
 
 if TYPE_CHECKING:
-    from bench.config import Config
+    from bench.config import Config, ProgramFile
     from bench.model import CheckItem
     from bench.run import RunView
 
@@ -50,14 +50,15 @@ def check(
         _judge_optics(recording, settings_or_none(config), view)
         return
     settings = config_or_simulated(config)
+    program = program_or_none(settings, config)
     if watch:
         watch_robot(settings, Console())
     elif cycle:
-        _judge_optics(_drive_slow_cycle(settings, output, speed, view), settings, view)
+        _judge_optics(_drive_slow_cycle(settings, program, output, speed, view), settings, view)
     else:
         from bench.run import check as check_bench
 
-        _conclude(check_bench(settings, view), view)
+        _conclude(check_bench(settings, view, program=program), view)
 
 
 def _verify_options(*, watch: bool, cycle: bool, recording: Path | None, output: Path | None, speed: float) -> None:
@@ -67,7 +68,9 @@ def _verify_options(*, watch: bool, cycle: bool, recording: Path | None, output:
         raise ConfigError("--output and --speed belong to --cycle.")
 
 
-def _drive_slow_cycle(settings: Config, output: Path | None, speed: float, view: RunView) -> Path:
+def _drive_slow_cycle(
+    settings: Config, program: ProgramFile | None, output: Path | None, speed: float, view: RunView
+) -> Path:
     """Drive and record one cycle; return the run file."""
     from bench.run import RunOptions, make_slow_cycle
     from bench.run import run as run_bench
@@ -76,7 +79,7 @@ def _drive_slow_cycle(settings: Config, output: Path | None, speed: float, view:
     at = slow.run.first_cycle_speed
     how = f"with the speed slider at {at:.0%}" if at < 1 else "at its program's own speed: it has no slider to move"
     view.say(f"The robot will drive one cycle, {how}.")
-    summary = run_bench(slow, RunOptions(n_cycles=1, output=output, speed=speed), view)
+    summary = run_bench(slow, RunOptions(n_cycles=1, output=output, speed=speed, program=program), view)
     for text in summary.warnings:
         print(f"warning: {text}")
     if summary.path is None or summary.n_completed < 1:

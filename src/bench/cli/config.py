@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from bench.cli.settings import ConfigArgument
+from bench.cli.settings import ConfigArgument, program_or_none
 
 __all__ = ["config_app"]
 
@@ -36,5 +36,5 @@ def check(config: Annotated[Path, typer.Argument(metavar="CONFIG", help="Configu
     """Validate a configuration file; every fault with its line, and exit code 2."""
     from bench.config import load_config
 
-    load_config(config)
+    program_or_none(load_config(config), config)
     print(f"{config}: valid.")

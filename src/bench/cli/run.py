@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.settings import ConfigArgument, config_or_simulated
+from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none
 
 if TYPE_CHECKING:
     from bench.run import RunSummary
@@ -53,12 +53,15 @@ def run(
     from bench.run import run as run_bench
 
     address = LiveAddress(live_host, live_port) if live else None
-    options = RunOptions(n_cycles=cycles, output=output, speed=speed, truth=truth, origin=origin, live=address)
+    program = origin.read_program() if origin and not config else program_or_none(settings, config)
+    options = RunOptions(
+        n_cycles=cycles, output=output, speed=speed, truth=truth, origin=origin, program=program, live=address
+    )
     if dry_run:
         if origin is not None:
-            verify_origin(origin, settings, cycles)
-            print(origin.describe())
-        for line in describe_plan(settings, options):
+            verify_origin(origin, settings, cycles, program)
+        told = filter(None, [origin.describe(), origin.doubt_program(program)]) if origin else ()
+        for line in [*told, *describe_plan(settings, options)]:
             print(line)
         return
     summary = run_bench(settings, options, RunView(Console()))
@@ -78,8 +81,9 @@ def _print_summary(summary: RunSummary) -> None:
     received = {topic: stats.received for topic, stats in summary.stats.items()}
     dropped = sum(stats.dropped for stats in summary.stats.values())
     missed = sum(stats.missed for stats in summary.stats.values())
+    size = f"{summary.bytes_written / 1e6:.1f} MB" + (f" in {summary.n_parts} parts" if summary.n_parts > 1 else "")
     print(
-        f"{summary.path}: {summary.bytes_written / 1e6:.1f} MB, {received.get('/robot/state', 0)} robot states, "
+        f"{summary.path}: {size}, {received.get('/robot/state', 0)} robot states, "
         f"{received.get('/tracker/points', 0)} tracker frames, {dropped} dropped, {missed} missed."
     )
     print(f"Next: bench report {summary.path}")

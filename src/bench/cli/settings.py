@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from bench.config import Config
+    from bench.config import Config, ProgramFile
 
-__all__ = ["ConfigArgument", "config_or_simulated", "settings_or_none", "with_limits"]
+__all__ = ["ConfigArgument", "config_or_simulated", "program_or_none", "settings_or_none", "with_limits"]
 
 ConfigArgument = Annotated[
     Path | None, typer.Argument(metavar="[CONFIG]", help="Configuration file. Left out: the simulated bench.")
@@ -29,6 +29,13 @@ def config_or_simulated(path: Path | None) -> Config:
     from bench.run import with_free_addresses
 
     return with_free_addresses(simulated_config())
+
+
+def program_or_none(settings: Config, path: Path | None) -> ProgramFile | None:
+    """Read the copy of the program that the configuration in the file `path` names, if it names one."""
+    from bench.config import read_program_file
+
+    return read_program_file(settings, path.parent) if path is not None else None
 
 
 def settings_or_none(path: Path | None) -> Config | None:

@@ -48,10 +48,18 @@ from bench.config.models import (
     RunConfig,
 )
 from bench.config.policy import PolicyConfig
+from bench.config.program_file import (
+    LARGEST_PROGRAM,
+    ProgramFile,
+    describe_loaded_program,
+    describe_program_file,
+    read_program_file,
+)
 from bench.config.simulation import SimulationConfig
 from bench.config.tracker import AnyTrackerConfig, QualisysConfig, TrackerConfig
 
 __all__ = [
+    "LARGEST_PROGRAM",
     "Acknowledge",
     "AnalysisConfig",
     "AnchorConfig",
@@ -75,6 +83,7 @@ __all__ = [
     "ModbusRobotConfig",
     "PointSignal",
     "PolicyConfig",
+    "ProgramFile",
     "ProgramNumber",
     "QualisysConfig",
     "RegisterMap",
@@ -90,9 +99,12 @@ __all__ = [
     "TrackerConfig",
     "VectorSignal",
     "config_schema",
+    "describe_loaded_program",
+    "describe_program_file",
     "load_calibration",
     "load_config",
     "parse_config",
+    "read_program_file",
     "simulated_config",
     "simulated_config_text",
     "to_toml",

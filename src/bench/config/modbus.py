@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from bench.config.section import Section
+from bench.config.section import PROGRAM_FILE, Section
 
 __all__ = [
     "Acknowledge",
@@ -357,6 +357,7 @@ class ModbusRobotConfig(Section):
     program: str = Field(
         "the program in the controller", min_length=1, max_length=200, description="What it is called, for the report."
     )
+    program_file: str = Field("", max_length=1000, description=PROGRAM_FILE)
     poll_rate_hz: float = Field(
         50.0, ge=10, le=100, description="Reads a second; controllers refresh their registers 10 to 125 times."
     )

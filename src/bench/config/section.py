@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Discriminator
 
-__all__ = ["Section", "choose_by_kind"]
+__all__ = ["PROGRAM_FILE", "Section", "choose_by_kind"]
+
+PROGRAM_FILE = (
+    "Copy of that program, saved from the controller, relative to this configuration's folder: it travels in the run "
+    "file, with its SHA-256. At most 16 MB. Left out: the run file knows the program's name only."
+)
+"""What the key of this name says for every kind of robot."""
 
 
 class Section(BaseModel):

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from bench.analysis import interpolate_curve, whole_take
+from bench.analysis import ClampedEnds, CurveEstimate, fit_elastica, fit_menger_gp, interpolate_curve, whole_take
+from bench.analysis.arrays import Floats, Floats32
 from bench.config import Config
-from bench.errors import BenchError
+from bench.errors import AnalysisError, BenchError
 from bench.model import CycleEventKind
 from bench.recording import BODIES, CLOCK, CYCLE, FRAME, POINTS, Run, RunFollower
 from bench.report.ends import find_cable_ends, find_up_axis
@@ -20,8 +21,6 @@ from bench.report.source import TrackerFrames, read_frames
 from bench.report.trace import trace_cable
 
 __all__ = ["LiveCable", "TracedFrame"]
-
-Floats = npt.NDArray[np.float64]
 
 _TOPICS = (FRAME, POINTS, BODIES, CLOCK)
 _log = logging.getLogger(__name__)
@@ -56,7 +55,7 @@ class LiveCable:
 
     def __init__(self, follower: RunFollower) -> None:
         self.problem = "no frame has been read"
-        """Why there is no cable; empty where there is one."""
+        """Why there is no cable, or why it is drawn by another method than configured; empty without either."""
         self._follower = follower
         self._config: Config | None = None
         self._has_moved = False
@@ -80,8 +79,9 @@ class LiveCable:
         frames = read_frames(part)
         start = _find_start(part, frames, config)
         ends = find_cable_ends(start, None, config).clamps(config.cable.length_m, find_up_axis(part))
-        traced = trace_cable(list_points(frames, start), config, ends)
-        self.problem = ""
+        by_rod = config.analysis.curvature == "elastica"
+        traced = trace_cable(list_points(frames, start), config, ends, _fit_rod_or_bends if by_rod else None)
+        self.problem = " ".join(traced.curve.notes) if by_rod and traced.curve.method != "elastica" else ""
         for row in rows[traced.trusted[rows]].tolist():
             curve = traced.curve
             line = interpolate_curve(traced.markers.position_m[row], traced.marker_arc_length_m, traced.arc_length_m)
@@ -122,3 +122,24 @@ class LiveCable:
 def _find_start(run: Run, frames: TrackerFrames, config: Config) -> ChainStart:
     times = frames.time_ns if len(frames) else np.zeros(1, np.int64)
     return find_chain_start(run, frames, config, whole_take(int(times[0]), int(times[-1])))
+
+
+def _fit_rod_or_bends(
+    position_m: Floats32,
+    marker_arc_length_m: Floats,
+    arc_length_m: Floats,
+    noise_m: float,
+    *,
+    ends: ClampedEnds | None = None,
+    with_vector: bool = False,
+) -> CurveEstimate:
+    """Fit the heavy rod; where it cannot be fitted to what is known by now, read the bends between the markers.
+
+    An end at the TCP is known only afterwards: its place needs the robot's clock over the whole run.
+    """
+    given = position_m, marker_arc_length_m, arc_length_m, noise_m
+    try:
+        return fit_elastica(*given, ends=ends, with_vector=with_vector)
+    except AnalysisError as error:
+        bends = fit_menger_gp(*given, ends=ends, with_vector=with_vector)
+        return replace(bends, notes=[f"drawn by 'menger_gp' while the run goes on. {error.args[0]}"])

@@ -51,8 +51,8 @@ def describe_drift_section(results: Results) -> list[str]:
 def _say_reference(drift: Drift) -> str:
     index = drift.reference_cycle_index
     return (
-        f"Each cycle with verdict ok against the first {say_count(len(index))} of them, up to cycle {index[-1]}, which "
-        f"differ from each other by {say_mm(drift.usual_shape_distance_mm)}{NBSP}mm."
+        f"Each cycle with verdict ok is held against the first {say_count(len(index))}, up to cycle {index[-1]}, "
+        f"which differ from each other by {say_mm(drift.usual_shape_distance_mm)}{NBSP}mm."
     )
 
 
@@ -83,7 +83,7 @@ def _say_size(change: DriftChange) -> str:
 def _say_where(change: DriftChange) -> str:
     if np.isnan(change.arc_length_m):
         return ""
-    place = f"{say_mm(1e3 * change.arc_length_m)}{NBSP}mm from the anchor, phase{NBSP}{change.cycle_phase:.2f}"
+    place = f"{say_number(1e3 * change.arc_length_m, 0)}{NBSP}mm from the anchor, phase{NBSP}{change.cycle_phase:.2f}"
     if change.quantity == "shape":
         return f"; most at the marker {place}, by {say_mm(change.largest)}{NBSP}mm"
     sign = "+" if change.largest > 0 else ""

@@ -24,8 +24,12 @@ from bench.recording import Run
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
+from bench.report.trace import TracedCable
 
-__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end"]
+__all__ = ["AT_THE_TCP", "END_BEND", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
+
+END_BEND = "The cable bends most"
+"""How the warning begins that names the clamp beside which a bend is read too gently."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -41,6 +45,9 @@ COMPARED_FRAMES = 200
 END_SIGMAS = 3.0
 ON_CURVE_SIGMA_M = 2e-3
 """Worse known than this, an end's place tells the sorter where to look, but nothing of how the cable bends there."""
+STANDS_OUT = 1.1
+"""A bend beside an end is told where it is this times the usual one elsewhere: on a cable bent alike all along, noise
+alone puts the largest there."""
 
 
 @dataclass(eq=False)
@@ -67,6 +74,16 @@ class CableEnds:
             end.tangent,
             end.tangent_sigma_rad,
         )
+
+    def describe_unused(self) -> list[str]:
+        """Return what to say of ends whose places are known too badly for the curve."""
+        return [
+            f"The place of [cable.{name}] is known to {1e3 * np.nanmedian(end.position_sigma_m):.0f} mm (standard "
+            f"deviation): it guides the sorting, but curvature uses places known to {1e3 * ON_CURVE_SIGMA_M:.0f} mm or "
+            "better. Give clamp_m, or calibrate better."
+            for name, end in (("anchor", self.anchor), ("end", self.end))
+            if end is not None and np.isfinite(end.position_m).any() and np.isnan(_place_on_curve(end)).all()
+        ]
 
     def clamps(self, length_m: float, up_axis: int) -> ClampedEnds:
         """Return what they tell an estimator of the curve; `up_axis` is the lab frame's vertical."""
@@ -138,6 +155,38 @@ def verify_end(ends: CableEnds, points: PointFrames, config: Config) -> dict[str
     return {"Cable's end": fact}
 
 
+def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Floats) -> list[str]:
+    """Return what to say where the cable bends most beside an end of the curve whose direction is not known.
+
+    Up to the next marker nothing shows how the cable bends there, and beside a clamp it bends most.
+
+    Parameters
+    ----------
+    ends : CableEnds
+    traced : TracedCable
+    bend_map_per_m : (P, G)
+        Median curvature by phase and place; NaN where nothing was seen.
+    """
+    largest = np.where(np.isfinite(bend_map_per_m), bend_map_per_m, 0.0).max(axis=0, initial=0.0)
+    if not largest.any() or "elastica" in traced.curve.method:
+        return []
+    bend_m = float(traced.arc_length_m[largest.argmax()])
+    nodes = np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
+    for holder, end, (last_m, next_m) in (("anchor", ends.anchor, nodes[:2]), ("end", ends.end, nodes[:-3:-1])):
+        known = end is not None and bool(np.isfinite(end.tangent).any())
+        beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)
+        if not known and beside[largest.argmax()] and largest.max() > STANDS_OUT * np.median(largest[~beside]):
+            apart_mm, side = 1e3 * abs(bend_m - last_m), "at the anchor" if holder == "anchor" else "at the far end"
+            where = f"{apart_mm:.0f} mm from the end of its curve" if apart_mm >= 1 else "at the end of its curve"
+            told = (
+                f"{END_BEND} {where} {side}, where the next marker is {1e3 * abs(next_m - last_m):.0f} mm away and the "
+                "direction of the clamp is not known: it may be bent tighter there than any interval says. Give "
+                f"[cable.{holder}] clamp_direction, or set markers closer to that clamp."
+            )
+            return [told]
+    return []
+
+
 def _describe(end: CableEnd) -> str:
     """Return how well the end is known."""
     place = f"place sd {np.nanmedian(end.position_sigma_m) * 1e3:.2f} mm"
@@ -161,9 +210,14 @@ def _on_curve(end: CableEnd | None) -> CableEnd | None:
     """Return what is known of an end as a place and direction of the curve; None without either."""
     if end is None:
         return None
-    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
-    end = replace(end, position_m=np.where(vague[:, None], np.nan, end.position_m))
+    end = replace(end, position_m=_place_on_curve(end))
     return end if np.isfinite(end.position_m).any() or np.isfinite(end.tangent).any() else None
+
+
+def _place_on_curve(end: CableEnd) -> Floats:
+    """Return the end's place (F, 3), NaN where it is too vague for the curve."""
+    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
+    return np.where(vague[:, None], np.nan, end.position_m)
 
 
 def _configured(holder: HolderConfig) -> ClampDirection | None:

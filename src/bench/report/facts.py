@@ -10,13 +10,14 @@ from importlib.metadata import version
 import numpy as np
 
 from bench.analysis import describe_source
-from bench.config import Calibration, Config, to_toml
+from bench.config import Calibration, Config, describe_loaded_program, describe_program_file, to_toml
 from bench.model import RunState
 from bench.recording import STATE, Run
 from bench.report.host_clock import describe_host_clock
-from bench.report.outcome import UNFINISHED, RunEnd
+from bench.report.outcome import IMPORT, UNFINISHED, RunEnd
 from bench.report.results import CycleColumns
 from bench.report.source import TrackerFrames
+from bench.report.wording import say_count
 
 __all__ = ["count_driven", "find_versions", "hash_config", "read_run_end", "state_facts"]
 
@@ -61,15 +62,17 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Operator": config.run.operator,
         "Started": _start(recorded.get("started_utc", "")),
         "Duration": _duration(frames),
-        "Cycles": str(len(cycles.cycle_index)),
-        "Frames": f"{len(frames)}",
+        "Cycles": say_count(len(cycles.cycle_index)),
+        "Frames": say_count(len(frames)),
         "Cable": _cable(config),
         "Program": config.robot.program if config.robot else "",
+        "Loaded program": describe_loaded_program(run.metadata.get("bench.program", {})),
+        "Program file": describe_program_file(run.metadata.get("bench.program", {})),
         "Cycle source": _cycle_source(run, config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),
         "Host clock": describe_host_clock(run),
         **_calibration(config.calibration.measured),
-        "Recorded on": recorded.get("host_name", ""),
+        "Imported on" if run.exit_status == IMPORT else "Recorded on": recorded.get("host_name", ""),
         "Run id": recorded.get("run_id", ""),
     }
     for device in run.devices:
@@ -98,7 +101,12 @@ def _cycle_source(run: Run, config: Config) -> str:
 
 
 def _start(utc: str) -> str:
-    return "" if utc.startswith("1970") else utc  # a take that does not say when it began
+    """Return when the run began, as all other times on the page; a take does not always say it."""
+    try:
+        begun = datetime.fromisoformat(utc).astimezone(UTC)
+    except ValueError:
+        return utc
+    return "" if begun.year == 1970 else f"{begun:%Y-%m-%d %H:%M:%S} UTC"
 
 
 def _duration(frames: TrackerFrames) -> str:

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from bench.analysis import bend_radius
 from bench.model import Verdict
 from bench.report.results import Results
+from bench.report.streams import find_missing
 
 __all__ = ["Headline", "TightestBend", "find_tightest_bend", "find_unjudged_bend", "summarise"]
 
@@ -45,7 +46,13 @@ class Headline:
     """None when no cycle has a curvature."""
     n_recorded: int
     n_dropped: int
-    n_missed: int
+    missed_from: dict[str, int]
+    """Records that never came, by device; devices of which nothing is missing are left out."""
+
+    @property
+    def n_missed(self) -> int:
+        """Records that never came from any device."""
+        return sum(self.missed_from.values())
 
     @property
     def limit_inside_interval(self) -> bool:
@@ -62,7 +69,7 @@ def summarise(results: Results) -> Headline:
         tightest=find_tightest_bend(results),
         n_recorded=sum(stream.written for stream in results.streams),
         n_dropped=sum(stream.dropped for stream in results.streams),
-        n_missed=sum(stream.missed for stream in results.streams),
+        missed_from={device: lost.missed for device, lost in find_missing(results.streams).items()},
     )
 
 

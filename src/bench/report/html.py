@@ -10,7 +10,8 @@ import numpy as np
 from markupsafe import Markup
 
 from bench.model import Severity
-from bench.report.drift_text import describe_drift_section, warn_about_drift
+from bench.report.cautions import list_cautions
+from bench.report.drift_text import describe_drift_section
 from bench.report.figures import (
     bend_map_figure,
     completeness_figure,
@@ -21,11 +22,14 @@ from bench.report.figures import (
     example_figure,
     n_points_outside,
 )
-from bench.report.headline import Headline, find_unjudged_bend, summarise
-from bench.report.methods import describe_methods, warn_about_clamps
+from bench.report.headline import summarise
+from bench.report.methods import describe_methods
+from bench.report.outcome import IMPORT
 from bench.report.pages import render_page, write_page
 from bench.report.results import NotedLine, Results
 from bench.report.wording import (
+    NBSP,
+    count_decimals,
     describe_clocks,
     describe_cycles,
     describe_ending,
@@ -33,10 +37,13 @@ from bench.report.wording import (
     describe_losses,
     describe_outcome,
     describe_place,
+    describe_seen,
     find_worst_residual_us,
     say_mm,
     say_number,
     say_percent,
+    say_radius,
+    say_short_time,
     say_utc,
 )
 
@@ -95,16 +102,18 @@ def _context(results: Results) -> dict[str, Any]:
         "headline": headline,
         "outcome": describe_outcome(results, headline),
         "ending": describe_ending(results),
-        "cautions": _cautions(results, headline),
-        "cycles": describe_cycles(headline),
+        "cautions": list_cautions(results, headline),
+        "cycles": describe_cycles(headline, len(odd)),
+        "radius": say_radius(headline.tightest.radius_mm, headline.tightest.low_mm) if headline.tightest else "",
         "interval": describe_interval(headline.tightest) if headline.tightest else "",
         "place": describe_place(headline.tightest) if headline.tightest else "",
         "losses": describe_losses(headline),
-        "clocks": describe_clocks(results.clocks),
-        "worst_residual_us": find_worst_residual_us(results.clocks),
+        "seen": describe_seen(results),
+        "clocks": describe_clocks([] if results.exit_status == IMPORT else results.clocks),
+        "worst_residual": say_short_time(find_worst_residual_us(results.clocks)).split(NBSP),
         "figures": _figures(results),
         "captions": _captions(results),
-        "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
+        "odd_cycles": _list_odd_cycles(results, odd[:ATTENTION_ROWS]),
         "n_odd": len(odd),
         "drift": describe_drift_section(results),
         "noted": _choose_noted(results.noted),
@@ -120,24 +129,6 @@ FILES = {
     "summary.json": "the numbers of this report's first page, versions and methods",
 }
 DRIFT_FILE = {"drift.parquet": "one row per cycle: how far its shape and largest curvature are from the first cycles"}
-
-
-def _cautions(results: Results, headline: Headline) -> list[str]:
-    """Return what the reader must know before believing the numbers of the first screen."""
-    undecided = (
-        "The limit lies inside the interval of the smallest bend radius: by noise alone it may be on either side."
-        if headline.limit_inside_interval
-        else ""
-    )
-    other = find_unjudged_bend(results)
-    unjudged = (
-        f"Cycle {other.cycle_index} shows a tighter bend, {say_mm(other.radius_mm)} mm, but was not recorded whole: "
-        "it counts neither for the outcome nor here."
-        if other
-        else ""
-    )
-    clamps = warn_about_clamps(results) if headline.tightest else ""
-    return [text for text in (undecided, unjudged, *warn_about_drift(results), clamps, *results.warnings) if text]
 
 
 def _figures(results: Results) -> dict[str, Markup]:
@@ -165,7 +156,8 @@ def _example_caption(results: Results) -> str:
         place += f", phase {example.cycle_phase:.3f}"
     outside = n_points_outside(example)
     beyond = f"; {outside} of them outside the picture" if outside else ""
-    return f"Frame {example.frame_number}, {place}: {example.points_m.shape[0]} points recorded{beyond}."
+    chosen = "a complete frame near the tightest bend of a usual cycle"
+    return f"Frame {example.frame_number}, {place}: {chosen}; {example.points_m.shape[0]} points recorded{beyond}."
 
 
 def _cycles_caption(results: Results) -> str:
@@ -174,6 +166,8 @@ def _cycles_caption(results: Results) -> str:
     if not value.size:
         return ""
     radius_mm = 1e3 / value
+    if value.size == 1:
+        return ""
     typical = (
         f"Smallest bend radius of a cycle: median {say_mm(float(np.median(radius_mm)))} mm, "
         f"from {say_mm(float(radius_mm.min()))} to {say_mm(float(radius_mm.max()))} mm."
@@ -182,22 +176,35 @@ def _cycles_caption(results: Results) -> str:
     return typical if size == 1 else f"{typical} {size} neighbouring cycles share one place along the axis."
 
 
-def _odd_cycle(results: Results, index: int) -> _OddCycle:
+def _list_odd_cycles(results: Results, indices: list[int]) -> list[_OddCycle]:
+    """Return the rows of the table; all have as many decimals as the interval of a usual cycle leaves them."""
+    cycles = results.cycles
+    known = np.isfinite(cycles.max_curvature_sigma_per_m) & (cycles.max_curvature_per_m > 0)
+    if not known.any():
+        return [_odd_cycle(results, index, 2, 1) for index in indices]
+    band = 2 * float(np.median(cycles.max_curvature_sigma_per_m[known]))
+    value = float(np.median(cycles.max_curvature_per_m[known]))
+    digits, radius_digits = count_decimals(band), count_decimals(1e3 / value - 1e3 / (value + band))
+    return [_odd_cycle(results, index, digits, radius_digits) for index in indices]
+
+
+def _odd_cycle(results: Results, index: int, digits: int, radius_digits: int) -> _OddCycle:
     """Return the row of one cycle; a cycle without a row of its own in the table still shows its reasons."""
     cycles = results.cycles
     rows = np.flatnonzero(cycles.cycle_index == index)
     if not rows.size:
         return _OddCycle(index, "–", "–", "–", "–", "–", "–", "–", results.attention[index])
     row = int(rows[0])
+    value, sigma = float(cycles.max_curvature_per_m[row]), float(cycles.max_curvature_sigma_per_m[row])
     return _OddCycle(
         index=index,
         start=say_utc(int(cycles.start_ns[row])),
         duration=say_number(float(cycles.duration_s[row]), 2),
         verdict=str(cycles.verdict[row]),
         complete=say_percent(float(cycles.complete_fraction[row])),
-        curvature=_with_band(float(cycles.max_curvature_per_m[row]), float(cycles.max_curvature_sigma_per_m[row])),
-        radius=say_mm(float(cycles.min_bend_radius_mm[row])),
-        place=say_mm(1e3 * float(cycles.max_curvature_arc_length_m[row])),
+        curvature=_with_band(value, sigma, digits),
+        radius=say_number(float(cycles.min_bend_radius_mm[row]), radius_digits),
+        place=say_number(1e3 * float(cycles.max_curvature_arc_length_m[row]), 0),
         reasons=results.attention[index],
     )
 
@@ -209,6 +216,6 @@ def _choose_noted(noted: list[NotedLine]) -> list[NotedLine]:
     return noted[:NOTED_ROWS]
 
 
-def _with_band(value: float, sigma: float) -> str:
-    band = f" ± {say_number(2 * sigma, 2)}" if np.isfinite(sigma) and np.isfinite(value) else ""
-    return say_number(value, 2) + band
+def _with_band(value: float, sigma: float, digits: int) -> str:
+    known = np.isfinite(sigma) and np.isfinite(value)
+    return say_number(value, digits) + (f" ± {say_number(2 * sigma, digits)}" if known else "")

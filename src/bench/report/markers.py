@@ -259,7 +259,7 @@ def _set_static_anchor(start: ChainStart, frames: TrackerFrames, config: Config,
 def _describe_static(start: ChainStart, marker: StaticMarker, cable: CableConfig) -> None:
     place = ", ".join(f"{value:.4f}" for value in marker.position_m)
     how = "found" if cable.anchor.position_m is None else "configured"
-    start.facts["Anchor"] = f"static marker at ({place}) m, {how}, seen in {marker.presence:.0%} of the scanned frames"
+    start.facts["Anchor"] = f"static marker at ({place}) m, {how}, seen in {marker.presence:.0%} of the frames searched"
     if marker.presence < LOW_PRESENCE:
         start.warnings.append(f"The static marker at ({place}) m is seen in only {marker.presence:.0%} of the frames.")
 

@@ -52,7 +52,8 @@ CURVATURE = {
     "it is flattest, and the band holds the truth in 99 % of places. A bend beside a clamp that is shorter than the "
     "distance between markers it cannot see, and then its band does not hold the peak: on simulated clamped cables "
     "(markers every 167 mm) it read the largest curvature 4, 24 and 56 % too low where the true smallest radius was "
-    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions; the report warns of the worst of these. "
+    "81, 43 and 27 mm, and 22, 64 and 82 % without the clamps' directions, where the band is twice as wide; the report "
+    "warns of the worst of these, and where the largest bend is beside an end whose direction is not known. "
     "On a straight cable it reads noise, up to two standard deviations.",
     "spline": "A cubic spline through the markers, bent freely at both ends. It cannot see a bend shorter than the "
     "distance between markers, and cables bend most in just such places: beside the clamps. On simulated clamped "
@@ -91,13 +92,13 @@ def describe_methods(results: Results) -> list[MethodNote]:
 def warn_about_clamps(results: Results) -> str:
     """Return the sentence for the first screen when the curvature's method under-reads beside clamps, else empty."""
     method = results.methods.get("curvature", "").lower()
-    blind = {"spline": "The spline reads", "menger_gp": "Without a fitted rod the markers show"}
+    blind = {"spline": "a spline through the markers", "menger_gp": "the markers alone, without a fitted rod,"}
     said = next((text for name, text in blind.items() if name in method), "")
     if "elastica" in method or not said:
         return ""
     return (
-        f"{said} bends beside the clamps too gently: the cable may be bent tighter there than any radius on this page "
-        "(see Methods and their limits)."
+        f"Beside the clamps the cable may be bent tighter than any radius on this page: {said} cannot show the short "
+        "bends there (see Methods and their limits)."
     )
 
 

@@ -9,14 +9,18 @@ import numpy as np
 from bench.analysis import CycleVerdicts, bend_radius
 from bench.model import ExitStatus, Outcome, Verdict
 from bench.report.results import CycleColumns, StreamFinding
+from bench.report.streams import find_missing
+from bench.report.wording import say_radius, say_range
 
-__all__ = ["RunEnd", "find_attention", "judge_run"]
+__all__ = ["IMPORT", "RunEnd", "find_attention", "judge_run"]
 
 IMPORT = "import"
 UNFINISHED = "unfinished"
 OUTLIER_RATIO = 1.1
 """A cycle whose largest curvature is this times the median differs by more than noise and drift explain."""
 LOW_COMPLETE_FRACTION = 0.5
+FEWEST_TRUSTED = 0.5
+"""Of the frames of cycles: with fewer, those that are trusted are the exception, and may be so by chance."""
 
 
 @dataclass(frozen=True)
@@ -29,15 +33,30 @@ class RunEnd:
 
 
 def judge_run(
-    cycles: CycleColumns, streams: list[StreamFinding], end: RunEnd, minimum_bend_radius_mm: float
+    cycles: CycleColumns,
+    streams: list[StreamFinding],
+    end: RunEnd,
+    minimum_bend_radius_mm: float,
+    trusted_fraction: float,
 ) -> tuple[Outcome, list[str]]:
     """Judge the run and say why it is not PASS, one sentence for each reason.
 
     FAIL comes first: what was lost can hide a bend that is too tight, but cannot make one. FAIL rests on cycles with
-    verdict ok or slow only.
+    verdict ok or slow only. PASS needs a curve in each of these, and trust in most frames: that is what is left of a
+    recording in which the order of the markers cannot be told, or contradicts itself.
+
+    Parameters
+    ----------
+    cycles, streams, end
+        What became of the run.
+    minimum_bend_radius_mm : float
+        The catalogue's limit.
+    trusted_fraction : float
+        Part of the frames inside cycles that may enter the figures; 0 without any.
     """
     failures = _too_tight(cycles, minimum_bend_radius_mm)
-    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
+    lost = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
+    errors = [*lost, *_curve_errors(cycles, trusted_fraction)]
     outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
     return outcome, [*failures, *errors]
 
@@ -68,42 +87,73 @@ def _too_tight(cycles: CycleColumns, limit_mm: float) -> list[str]:
         return []
     row = tight[cycles.min_bend_radius_mm[tight].argmin()]
     bend = bend_radius(cycles.max_curvature_per_m[row], cycles.max_curvature_sigma_per_m[row])
+    radius_mm, low_mm, high_mm = (1e3 * float(one) for one in (bend.radius_m, bend.low_m, bend.high_m))
+    between = f" ({say_range(radius_mm, low_mm, high_mm)} mm within two standard deviations)"
+    within = between if np.isfinite(low_mm) else ""
     sentence = (
         f"The bend radius is below the limit of {limit_mm:g} mm in {len(tight)} of {int(judged.sum())} cycles; the "
-        f"smallest is {cycles.min_bend_radius_mm[row]:.1f} mm ({1e3 * bend.low_m:.1f} to {1e3 * bend.high_m:.1f} mm "
-        "within two standard deviations) in cycle "
+        f"smallest is {say_radius(radius_mm, low_mm)} mm{within} in cycle "
         f"{cycles.cycle_index[row]}, {cycles.max_curvature_arc_length_m[row] * 1e3:.0f} mm from the anchor."
     )
     usual = float(np.median(cycles.min_bend_radius_mm[judged & np.isfinite(cycles.min_bend_radius_mm)]))
     if usual < limit_mm:
         return [sentence]
-    return [f"{sentence} In the median cycle it is {usual:.1f} mm: see whether the markers of the others are sorted."]
+    typical = say_radius(usual, usual * low_mm / radius_mm)
+    return [f"{sentence} In the median cycle it is {typical} mm: see whether the markers of the others are sorted."]
 
 
 def _end_errors(end: RunEnd) -> list[str]:
     if end.exit_status in (ExitStatus.SUCCESS, IMPORT):
         return []
+    if end.exit_status == UNFINISHED:
+        return ["The recording breaks off: bench was killed, the power failed, or the copy of the file is not whole."]
     because = f": {end.reason.rstrip('.')}" if end.reason else ""
     return [f"The run did not end as meant ({end.exit_status}){because}."]
 
 
 def _stream_errors(streams: list[StreamFinding]) -> list[str]:
     dropped = [f"{s.dropped} of {s.topic}" for s in streams if s.dropped]
-    missed = [f"{s.missed} of {s.topic}" for s in streams if s.missed]
     sentences = [f"Records were dropped by the recorder: {', '.join(dropped)}."] if dropped else []
-    return sentences + ([f"Records never arrived: {', '.join(missed)}."] if missed else [])
+    return sentences + [_say_missing(device, stream) for device, stream in find_missing(streams).items()]
+
+
+def _say_missing(device: str, stream: StreamFinding) -> str:
+    sent = stream.received + stream.missed
+    return f"{stream.missed} of {sent} records of the {device} never arrived ({stream.missed / sent:.1%})."
 
 
 def _cycle_errors(cycles: CycleColumns, end: RunEnd) -> list[str]:
     interrupted = [int(i) for i, v in zip(cycles.cycle_index, cycles.verdict, strict=True) if v == Verdict.INTERRUPTED]
     if end.exit_status == IMPORT:  # a take begins and ends in the middle of a cycle, and nobody is at fault
         interrupted = []
-    sentences = [f"Cycles were interrupted: {_list_briefly(interrupted)}."] if interrupted else []
-    if Verdict.OK not in cycles.verdict:
-        sentences.append("No cycle was recorded." if not len(cycles.verdict) else "No cycle has the verdict ok.")
-    elif not np.isfinite(cycles.max_curvature_per_m).any():
-        sentences.append("In no cycle could a curve be drawn.")
+    sentences = [_say_interrupted(interrupted)] if interrupted else []
+    if not len(cycles.verdict):
+        sentences.append("No cycle was recorded.")
+    elif Verdict.OK not in cycles.verdict:
+        sentences.append("No cycle has the verdict ok: see Cycles that need a look.")
     return sentences
+
+
+def _curve_errors(cycles: CycleColumns, trusted_fraction: float) -> list[str]:
+    judged = np.isin(cycles.verdict, [Verdict.OK, Verdict.SLOW])
+    without = cycles.cycle_index[judged & np.isnan(cycles.max_curvature_per_m)].tolist()
+    n_judged, sentences = int(judged.sum()), []
+    if without and len(without) == n_judged:
+        sentences.append("In no cycle could a curve be drawn.")
+    elif without:
+        sentences.append(f"In {len(without)} of {n_judged} cycles no curve can be trusted: {_list_briefly(without)}.")
+    if 0 < trusted_fraction < FEWEST_TRUSTED:
+        sentences.append(
+            f"Only in {trusted_fraction:.0%} of the frames of cycles is the order of the markers sure and possible: a "
+            "tight bend in the others would not be seen."
+        )
+    return sentences
+
+
+def _say_interrupted(indices: list[int]) -> str:
+    if len(indices) == 1:
+        return f"Cycle {indices[0]} was interrupted."
+    return f"{len(indices)} cycles were interrupted: {_list_briefly(indices)}."
 
 
 def _list_briefly(numbers: list[int]) -> str:

@@ -15,7 +15,7 @@ from bench.model import Verdict
 from bench.recording import FRAME, POINTS, ROBOT, Run
 from bench.report.cycles import PlacedFrames, describe_cycles, place_frames
 from bench.report.drift import find_drift
-from bench.report.ends import find_cable_ends, find_up_axis, verify_end
+from bench.report.ends import find_cable_ends, find_up_axis, verify_end, warn_of_end_bend
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
 from bench.report.markers import find_chain_start, list_points
@@ -34,6 +34,7 @@ from bench.report.source import (
 )
 from bench.report.streams import find_streams
 from bench.report.trace import TracedCable, trace_cable
+from bench.report.wording import say_percent
 
 __all__ = ["analyse_run"]
 
@@ -85,8 +86,10 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     traced = trace_cable(points, config, ends.clamps(config.cable.length_m, up_axis))
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
-    outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
+    trusted_fraction = inside.sum() / max((placed.row >= 0).sum(), 1)
+    limit_mm = config.cable.minimum_bend_radius_mm
+    outcome, outcome_reasons = judge_run(cycles, streams, end, limit_mm, trusted_fraction)
     n_bins = _count_phase_bins(cycles.n_frames)
     curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
     bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
@@ -110,6 +113,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         example=_choose_example(frames, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
+        program_facts=run.metadata.get("bench.program", {}),
         attention=find_attention(cycles, placed.verdicts),
         noted=read_noted(run),
         warnings=[
@@ -118,11 +122,15 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *ends.warnings,
             *traced.markers.warnings,
             *traced.curve.warnings,
+            *warn_of_end_bend(ends, traced, bend_map),
             *_warn_of_origin(account),
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
         ],
-        method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
+        method_notes={
+            "sorting": traced.markers.notes,
+            "curvature": [*traced.curve.notes, *ends.describe_unused()],
+        },
         ends=ends.columns(len(frames)),
         drift=find_drift(placed, traced, cycles, config.analysis.marker_noise_mm),
         analysis_s=time.perf_counter() - begin,
@@ -200,7 +208,7 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
     warnings = [str(text) for text in json.loads(run.metadata.get("bench.import", {}).get("warnings", "[]"))]
     if exit_status == UNFINISHED:
         lost = f" Lost: {run.status.lost}." if run.status.lost else ""
-        warnings.append(f"The recording was not finished: {run.status.text}.{lost}")
+        warnings.append(f"The recording was not finished.{lost}")
     elif run.status.lost:
         warnings.append(f"The recording is damaged; lost: {run.status.lost}.")
     if len(frames) == 0:
@@ -213,8 +221,8 @@ def _warn(run: Run, frames: TrackerFrames, traced: TracedCable, exit_status: str
         )
     elif fraction < LOW_COMPLETE_FRACTION:
         warnings.append(
-            f"All markers were found in {fraction:.1%} of the frames; in the others the curve is less certain beside a "
-            "missing marker, and ends at the last one found. "
+            f"All markers were found in {say_percent(fraction)} of the frames; in the others the curve is less certain "
+            "beside a missing marker, and ends at the last one found. "
             "`bench check --recording` says which are missing where."
         )
     n_impossible = int(traced.impossible.sum())

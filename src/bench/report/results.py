@@ -255,6 +255,8 @@ class Results:
     """None when no frame was complete enough to draw."""
     streams: list[StreamFinding]
     clocks: list[ClockFinding]
+    program_facts: dict[str, str] = field(default_factory=dict)
+    """What the recording says of the robot's program: of the loaded one, and of the copy that it carries."""
     attention: dict[int, list[str]] = field(default_factory=dict)
     """Cycles that need a look, by index, with the reasons in words."""
     noted: list[NotedLine] = field(default_factory=list)

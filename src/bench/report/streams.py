@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -10,7 +10,7 @@ import numpy.typing as npt
 from bench.recording import BODIES, FRAME, POINTS, ROBOT, Run
 from bench.report.results import StreamFinding
 
-__all__ = ["find_streams"]
+__all__ = ["find_missing", "find_streams"]
 
 DEVICE_TOPICS = (ROBOT, POINTS, FRAME, BODIES)
 
@@ -31,6 +31,20 @@ def find_streams(run: Run, gaps: Mapping[str, int]) -> list[StreamFinding]:
     topics = sorted({*run.topics, *run.totals}, key=lambda name: (name not in DEVICE_TOPICS, name))
     findings = [_find_stream(run, topic, gaps.get(topic, 0)) for topic in topics]
     return [one for one in findings if one.received or one.written or one.missed]
+
+
+def find_missing(streams: Sequence[StreamFinding]) -> dict[str, StreamFinding]:
+    """Return for each device the stream of which most never came; devices of which nothing is missing are left out.
+
+    The topics of one device are filled from the same records (a frame and its points come in one packet), so what is
+    missing counts once and not once for each topic.
+    """
+    worst: dict[str, StreamFinding] = {}
+    for stream in streams:
+        device = stream.topic.strip("/").split("/")[0]
+        if stream.missed > (worst[device].missed if device in worst else 0):
+            worst[device] = stream
+    return worst
 
 
 def _find_stream(run: Run, topic: str, n_gaps: int) -> StreamFinding:

@@ -11,6 +11,7 @@ from bench.analysis import (
     TRUSTED_CONFIDENCE,
     ClampedEnds,
     CurveEstimate,
+    CurveEstimator,
     PointFrames,
     SortedMarkers,
     find_folds,
@@ -19,6 +20,7 @@ from bench.analysis import (
     fit_spline,
     get_estimator,
     get_sorter,
+    tell_broken,
 )
 from bench.config import Config
 from bench.report.markers import make_sort_settings
@@ -51,7 +53,9 @@ class TracedCable:
     """(k,)"""
 
 
-def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = None) -> TracedCable:
+def trace_cable(
+    points: PointFrames, config: Config, ends: ClampedEnds | None = None, estimate: CurveEstimator | None = None
+) -> TracedCable:
     """Sort the markers of every frame and estimate the curvature along the cable.
 
     Parameters
@@ -60,13 +64,18 @@ def trace_cable(points: PointFrames, config: Config, ends: ClampedEnds | None = 
     config : Config
     ends : ClampedEnds, optional
         What is known of the cable's ends; the curve reaches as far as it is known.
+    estimate : CurveEstimator, optional
+        Replaces the configured one.
     """
     analysis, marker_places = config.analysis, np.array(config.cable.arc_length_m)
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
     markers = get_sorter(analysis.sorting)(points, settings)
+    if analysis.sorting != "auto":  # which has taken them away
+        markers = tell_broken(points, markers, settings)
     noise_m = analysis.marker_noise_mm * 1e-3
-    curve = get_estimator(analysis.curvature)(markers.position_m, marker_places, places, noise_m, ends=ends)
+    estimate = estimate or get_estimator(analysis.curvature)
+    curve = estimate(markers.position_m, marker_places, places, noise_m, ends=ends)
     drawn = fit_spline(markers.position_m, marker_places, _judged_places(marker_places), noise_m)
     impossible = find_tighter(drawn.curvature_per_m, 2e3 / config.cable.diameter_mm) | find_folds(markers.position_m)
     plausible = np.asarray(markers.confidence >= TRUSTED_CONFIDENCE, dtype=bool) & ~impossible

@@ -12,6 +12,7 @@ from bench.report.headline import Headline, TightestBend
 from bench.report.results import ClockFinding, Results
 
 __all__ = [
+    "count_decimals",
     "describe_clocks",
     "describe_cycles",
     "describe_ending",
@@ -19,11 +20,15 @@ __all__ = [
     "describe_losses",
     "describe_outcome",
     "describe_place",
+    "describe_seen",
     "find_worst_residual_us",
     "say_count",
     "say_mm",
     "say_number",
     "say_percent",
+    "say_radius",
+    "say_range",
+    "say_short_time",
     "say_utc",
 ]
 
@@ -34,6 +39,9 @@ THIN = "\u202f"
 NBSP = "\u00a0"
 """A space that does not break."""
 MINUS = "\u2212"
+GROUPED_FROM = 10_000
+"""Four digits are read at a glance; from five on they are grouped."""
+UNDECIDED = "The limit lies inside the interval of the smallest bend radius: by noise alone it may be on either side."
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
 
@@ -43,12 +51,44 @@ def say_number(value: float, digits: int = 3) -> str:
         return UNKNOWN
     if np.isinf(value):
         return "∞" if value > 0 else f"{MINUS}∞"
-    return f"{value:,.{digits}f}".replace(",", THIN).replace("-", MINUS)
+    grouped = f"{value:,.{digits}f}" if abs(value) >= GROUPED_FROM else f"{value:.{digits}f}"
+    return grouped.replace(",", THIN).replace("-", MINUS)
 
 
 def say_mm(value_mm: float) -> str:
     """Return a length in millimetres with about four figures, without the unit."""
     return say_number(value_mm, 2 if abs(value_mm) < 10 else 1 if abs(value_mm) < 1000 else 0)
+
+
+def count_decimals(spread: float) -> int:
+    """Return how many decimals a value has whose interval reaches `spread` to one side, 2 at most.
+
+    The last figure is a third of the interval or finer, and not finer than a thirtieth: more figures would claim to
+    know what the interval says is not known.
+    """
+    if not np.isfinite(spread) or spread <= 0:
+        return 1
+    return int(np.clip(-np.floor(np.log10(spread / 3)), 0, 2))
+
+
+def say_radius(radius_mm: float, low_mm: float) -> str:
+    """Return a bend radius with the decimals that the lower end of its interval leaves it, without the unit."""
+    return say_number(radius_mm, count_decimals(radius_mm - low_mm)) if np.isfinite(low_mm) else say_mm(radius_mm)
+
+
+def say_range(radius_mm: float, low_mm: float, high_mm: float) -> str:
+    """Return the interval of a bend radius with the decimals of the radius, without the unit."""
+    digits = count_decimals(radius_mm - low_mm)
+    return f"{say_number(low_mm, digits)} to {say_number(high_mm, digits)}"
+
+
+def say_short_time(time_us: float) -> str:
+    """Return a time given in microseconds with its unit: two figures where it is a millisecond or more."""
+    if np.isnan(time_us):
+        return UNKNOWN
+    if time_us < 1000:
+        return f"{say_number(time_us, 0)}{NBSP}µs"
+    return f"{say_number(time_us / 1000, 1 if time_us < 10_000 else 0)}{NBSP}ms"
 
 
 def say_count(value: int) -> str:
@@ -78,15 +118,18 @@ def describe_outcome(results: Results, headline: Headline) -> list[str]:
     meaning = {
         Outcome.PASS: "The bench found nothing against the cable in this run.",
         Outcome.FAIL: f"The cable was bent tighter than {limit}." if crossed else "The cable did not pass.",
-        Outcome.ERROR: "The bench was at fault. This is no verdict on the cable.",
+        Outcome.ERROR: "This is no verdict on the cable: the bench, or what it recorded, was at fault.",
     }[results.outcome]
     if results.outcome is Outcome.PASS and headline.tightest is not None and not crossed:
         meaning = f"No bend tighter than {limit} was measured."
-    return [meaning, *results.outcome_reasons]
+    return [meaning, *results.outcome_reasons, *([UNDECIDED] if headline.limit_inside_interval else [])]
 
 
 def describe_ending(results: Results) -> str:
     """Return how the run ended, with its reason."""
+    reason = results.exit_reason.removeprefix("unfinished: ").rstrip(".")
+    if results.exit_status == "import" and reason:
+        return f"{reason[0].upper()}{reason[1:]}."
     how = {
         "success": "The run ended as planned",
         "abort": "The run was aborted",
@@ -94,16 +137,26 @@ def describe_ending(results: Results) -> str:
         "unfinished": "The recording was never finished",
         "import": "Imported take",
     }.get(results.exit_status, f"The run ended with status {results.exit_status}")
-    return f"{how}: {results.exit_reason.rstrip('.')}." if results.exit_reason else f"{how}."
+    return f"{how}: {reason}." if reason else f"{how}."
 
 
-def describe_cycles(headline: Headline) -> str:
+def describe_cycles(headline: Headline, n_odd: int) -> str:
     """Return how many cycles there are, and how many of them need no look."""
     if not headline.n_cycles:
         return "no cycle was completed"
     if headline.n_ok == headline.n_cycles:
-        return "all ok" if headline.n_cycles > 1 else "ok"
+        well = "recorded whole" if n_odd else "ok"  # a cycle with verdict ok may need a look all the same
+        return f"all {well}" if headline.n_cycles > 1 else well
     return f"{say_count(headline.n_ok)} ok, {say_count(headline.n_cycles - headline.n_ok)} not"
+
+
+def describe_seen(results: Results) -> str:
+    """Return in how much of the frames every marker was found, empty where there are no frames."""
+    source = results.frames.source
+    if not len(source):
+        return ""
+    fraction = float((source >= 0).all(axis=1).mean())
+    return f"every marker found in {'all' if fraction == 1 else say_percent(fraction) + ' of the'} frames"
 
 
 def describe_interval(bend: TightestBend) -> str:
@@ -111,17 +164,18 @@ def describe_interval(bend: TightestBend) -> str:
     if np.isnan(bend.low_mm) or np.isnan(bend.high_mm):
         return "uncertainty not known"
     if np.isinf(bend.high_mm):
-        return f"{say_mm(bend.low_mm)}{NBSP}mm or more (± 2 sd reaches a straight cable)"
-    return f"{say_mm(bend.low_mm)} to {say_mm(bend.high_mm)}{NBSP}mm (± 2{NBSP}sd)"
+        low = say_number(bend.low_mm, count_decimals(bend.radius_mm - bend.low_mm))
+        return f"{low}{NBSP}mm or more (± 2 sd reaches a straight cable)"
+    return f"{say_range(bend.radius_mm, bend.low_mm, bend.high_mm)}{NBSP}mm (± 2{NBSP}sd)"
 
 
 def describe_place(bend: TightestBend) -> str:
     """Return where along the cable and when the tightest bend was."""
     parts = [f"cycle{NBSP}{bend.cycle_index}"]
     if np.isfinite(bend.cycle_phase):
-        parts.append(f"phase{NBSP}{bend.cycle_phase:.3f}")
+        parts.append(f"phase{NBSP}{bend.cycle_phase:.2f}")
     if np.isfinite(bend.arc_length_mm):
-        parts.insert(0, f"{say_mm(bend.arc_length_mm)}{NBSP}mm from the anchor")
+        parts.insert(0, f"{say_number(bend.arc_length_mm, 0)}{NBSP}mm from the anchor")
     return ", ".join(parts)
 
 
@@ -133,7 +187,7 @@ def describe_losses(headline: Headline) -> str:
     if not headline.n_dropped and not headline.n_missed:
         return f"nothing dropped, nothing missed; {written}"
     dropped = f"{say_count(headline.n_dropped)} dropped by the bench"
-    missed = f"{say_count(headline.n_missed)} never came from a device"
+    missed = f"{say_count(headline.n_missed)} never came from the {' and the '.join(headline.missed_from)}"
     return f"{dropped}, {missed}; {written}"
 
 
@@ -147,13 +201,13 @@ def describe_clocks(clocks: Sequence[ClockFinding]) -> list[str]:
 
 def _one_clock(device: str, segments: Sequence[ClockFinding]) -> str:
     worst = find_worst_residual_us(segments)
-    residual = "residual not known" if np.isnan(worst) else f"residual {say_number(worst, 0)} µs"
+    residual = "residual not known" if np.isnan(worst) else f"residual {say_short_time(worst)}"
     if len(segments) > 1:
         return f"{device}: {len(segments)} segments, {residual} at most"
     drift = segments[0].drift_ppm
     if np.isnan(drift):
         return f"{device}: {residual}"
-    return f"{device}: {'+' if drift > 0 else ''}{say_number(drift, 1)} ppm, {residual}"
+    return f"{device}: drift {'+' if drift > 0 else ''}{say_number(drift, 1)}{NBSP}ppm, {residual}"
 
 
 def find_worst_residual_us(clocks: Sequence[ClockFinding]) -> float:

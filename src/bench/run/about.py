@@ -8,9 +8,9 @@ from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 
 from bench.analysis import describe_source
-from bench.config import Config, to_toml
+from bench.config import Config, ProgramFile, to_toml
 
-__all__ = ["attach_calibration", "describe_cycle_source", "describe_origin", "find_versions"]
+__all__ = ["attach_calibration", "attach_program", "describe_cycle_source", "describe_origin", "find_versions"]
 
 
 def describe_origin(config: Config) -> dict[str, str]:
@@ -36,6 +36,11 @@ def attach_calibration(config: Config) -> dict[str, str]:
     """Return the calibration that a configuration uses as a text by its file name; nothing without one."""
     measured = config.calibration.measured
     return {} if measured is None else {"calibration.toml": to_toml(measured)}
+
+
+def attach_program(program: ProgramFile | None) -> dict[str, bytes]:
+    """Return the copy of the robot's program by the name of its attachment; nothing without one."""
+    return {} if program is None else {program.attachment: program.content}
 
 
 def find_versions(libraries: Iterable[str]) -> dict[str, str]:

@@ -17,13 +17,13 @@ from bench.errors import BenchError, ConfigError, PreflightError
 from bench.model import DeviceInfo, Record, RobotState, TrackerFrame
 from bench.run.closing import Closing
 from bench.run.conditions import ConditionKind, describe_lost_link
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.guards import Guards
 from bench.run.inbox import ConditionCleared, ConditionRaised, Inbox
 from bench.run.pace import PaceWatch
 from bench.run.robot_words import make_robot_words
 from bench.run.tally import FrameTally, RobotTally
 from bench.run.utc_watch import UtcWatch
-from bench.run.watcher import CycleWatcher
 from bench.timing import Clock
 
 __all__ = ["BenchLinks", "require_devices"]

@@ -12,6 +12,7 @@ from bench.drivers.base import ProgramControl, StateStream
 from bench.errors import BenchError, CycleSequenceError, CycleTimeoutError, DeviceTimeoutError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, LogEntry, Record, RunState, Severity
 from bench.run.conditions import Condition, describe_lost_link
+from bench.run.cycle_watcher import PLAYING, CycleWatcher
 from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
 from bench.run.holding import Holding
@@ -28,7 +29,6 @@ from bench.run.inbox import (
 )
 from bench.run.progress import Ending, RunLimits, RunProgress
 from bench.run.states import RunStates
-from bench.run.watcher import PLAYING, CycleWatcher
 from bench.timing import Clock, patience_ns
 
 __all__ = ["RunEngine"]

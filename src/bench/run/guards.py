@@ -11,10 +11,10 @@ from bench.config import PolicyConfig
 from bench.errors import DeviceError, DiskFullError, LinkLostError
 from bench.model import Record, RobotState
 from bench.run.conditions import ROBOT_STOPS, Condition, ConditionKind
+from bench.run.cycle_watcher import PLAYING
 from bench.run.inbox import ConditionCleared, ConditionRaised, Event
 from bench.run.own_pause import OwnPause
 from bench.run.robot_words import UR_WORDS, RobotWords
-from bench.run.watcher import PLAYING
 from bench.timing import Clock, patience_ns
 
 __all__ = ["Guards"]

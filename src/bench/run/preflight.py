@@ -8,15 +8,15 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from bench.analysis import judge_frame_rate
-from bench.config import Config
+from bench.config import LARGEST_PROGRAM, Config, ProgramFile, describe_program_file
 from bench.drivers.base import ProgramControl
 from bench.errors import BenchError, PreflightError
 from bench.model import CheckItem
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.robot_words import UR_WORDS, RobotWords, make_robot_words
 from bench.run.tally import FrameTally, RobotTally
-from bench.run.watcher import CycleWatcher
 
-__all__ = ["check_bench", "predict_bytes_per_s", "verify_items"]
+__all__ = ["check_bench", "predict_bytes_per_s", "show_program_file", "verify_items"]
 
 SMALLEST_RATE_RATIO = 0.95
 """A stream slower than this is not the stream that was asked for; jitter over one second is far smaller."""
@@ -70,6 +70,14 @@ def verify_items(items: Sequence[CheckItem]) -> None:
     failed = [item for item in items if item.verdict == "fail"]
     if failed:
         raise PreflightError([item.sentence for item in failed], exit_code=failed[0].exit_code)
+
+
+def show_program_file(program: ProgramFile | None) -> list[CheckItem]:
+    """Return the item that shows which copy of the program travels in the run file, if one does; it was read before."""
+    if program is None:
+        return []
+    limit = f"at most {LARGEST_PROGRAM / 1e6:g} MB"
+    return [CheckItem("program file", limit, describe_program_file(program.to_metadata()), "ok")]
 
 
 def predict_bytes_per_s(config: Config, tracker_rate_hz: float, n_points: float) -> float:

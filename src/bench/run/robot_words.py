@@ -8,7 +8,7 @@ from functools import partial
 
 from bench.config import AnyRobotConfig
 from bench.model import NO_BITS, RobotState
-from bench.run.watcher import safety_text
+from bench.run.cycle_watcher import safety_text
 
 __all__ = ["UR_WORDS", "RobotWords", "make_robot_words"]
 

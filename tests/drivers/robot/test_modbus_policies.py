@@ -14,6 +14,7 @@ from bench.drivers.robot.modbus import ModbusProgram, ModbusStateStream
 from bench.errors import BenchError, CycleSequenceError, DeviceStateError, LinkLostError
 from bench.model import CycleEvent, CycleEventKind, ExitStatus, LogEntry, Record, RobotState, RunState, StateChange
 from bench.run.conditions import ConditionKind, describe_lost_link
+from bench.run.cycle_watcher import CycleWatcher
 from bench.run.engine import Ending, RunEngine, RunLimits, RunProgress
 from bench.run.first_cycle import FirstCycle
 from bench.run.guards import Guards
@@ -21,7 +22,6 @@ from bench.run.holding import Holding
 from bench.run.inbox import ConditionCleared, ConditionRaised, QueueInbox
 from bench.run.robot_words import make_robot_words
 from bench.run.states import RunStates
-from bench.run.watcher import CycleWatcher
 
 COUNTS_ON = ('cycle_counter = { table = "input"', 'cycle_counter = { restarts = false, table = "input"')
 SHORT = ("poll_rate_hz = 50", "poll_rate_hz = 50\nsilence_s = 0.6\ntimeout_s = 0.2\nretries = 0")

@@ -97,11 +97,12 @@ def fit_menger_gp(
     -------
     CurveEstimate
         The magnitude of the posterior mean vector, and the posterior standard deviation of a component, widened where
-        bends differ from what all others make of them by more than they should. It holds noise and what lies between
-        markers as far as the rest of the recording tells; it does not hold bends beside clamps that are shorter than
-        anything the markers show. On a straight cable the magnitude is noise's own: up to two
-        standard deviations, never below zero. The residual is how far the markers lie off the curve, across the cable:
-        a part of their noise. It is far more where markers are dense and one is not what it is taken for.
+        bends differ from what all others make of them by more than they should, and at ends without tangent, twice
+        as wide there and no wider at the first bend. It holds noise and what lies between markers as far as the rest
+        of the recording tells; it does not hold bends beside clamps that are shorter than anything the markers show.
+        On a straight cable the magnitude is noise's own: up to two standard deviations, never below zero. The residual
+        is how far the markers lie off the curve, across the cable: a part of their noise. It is far more where markers
+        are dense and one is not what it is taken for.
 
     References
     ----------

@@ -12,8 +12,8 @@ import numpy as np
 
 from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
 from bench.analysis.kernels.chain_places import MOST_POINTS, gather_points, measure_pairs, sort_neighbours
+from bench.analysis.kernels.chain_tables import BINS, MOST_END_COST, MOST_GAP
 from bench.analysis.kernels.compiling import compiled
-from bench.analysis.sorting.chain_costs import BINS, MOST_END_COST, MOST_GAP
 
 __all__ = ["CAP", "search_chains"]
 

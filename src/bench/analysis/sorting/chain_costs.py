@@ -19,14 +19,11 @@ import numpy as np
 import scipy
 
 from bench.analysis.arrays import Floats
+from bench.analysis.kernels.chain_tables import BINS, MOST_END_COST, MOST_GAP
 from bench.analysis.sorting.gates import SortSettings
 
-__all__ = ["BINS", "MOST_GAP", "ChainCosts", "ChainPrior", "make_costs"]
+__all__ = ["ChainCosts", "ChainPrior", "make_costs"]
 
-MOST_GAP = 4
-"""Largest step from one seen marker to the next: three hidden between them."""
-BINS = 64
-"""Of a table, between which costs are interpolated."""
 CUT = 15.0
 """A distance that costs so much more than the best is not tried: a hidden marker costs about 8."""
 MOST_SIGMAS = 5.0
@@ -36,8 +33,6 @@ LATERAL_M = 0.002
 """Markers lie beside the cable's axis by about this: they are stuck on."""
 ANCHOR_OFFSET_M = 0.02
 """A rigid body's centre lies beside the cable's axis by about this; its own turn is soon learnt."""
-MOST_END_COST = 8.0
-"""However far the chain is from where the calibration puts the cable's end, it costs no more than a hidden marker."""
 LEAST_SCALE_M = 1e-4
 LEAST_LENGTH_M = 1e-3
 CLUTTER_PER_M3 = 200.0

@@ -100,7 +100,10 @@ class _TemplateSorting:
             beyond = rows[np.repeat(lost, np.diff(np.append(begin, len(rows))))]
             newer = learn_cycle(self._frames.take(beyond), self._settings)
             if newer is not None:
-                self.warnings.append(f"The cable changed: its cycle was learnt anew at cycle {cycle[begin[lost][0]]}.")
+                since = cycle[begin[lost][0]]
+                self.warnings.append(
+                    f"The cable came back to other places than before: the sorting was learnt anew at cycle {since}."
+                )
                 self._follow(beyond, newer)
                 return newer
         latest = slice(int(begin[-LEARNT_CYCLES:][0]), None)
@@ -142,7 +145,10 @@ class _TemplateSorting:
         self.confidence[rows] = chained.marker_confidence[better]
         notes = [f"{outside.sum()} frames outside any cycle are sorted each by itself."] if outside.any() else []
         if lost.any():
-            self.warnings.append(f"In {lost.sum()} frames the template fits less than half of the markers in sight.")
+            self.warnings.append(
+                f"In {lost.sum()} frames less than half of the markers in sight are near their usual places at that "
+                "moment of the cycle: these frames are sorted each by itself where that finds more."
+            )
         return notes
 
 

@@ -20,6 +20,7 @@ from bench.analysis import (
     median_cycle,
     shift_motion,
 )
+from bench.config import describe_loaded_program, describe_program_file
 from bench.errors import AnalysisError, TooFewMarkersError
 from bench.model import Verdict
 from bench.report.results import Results
@@ -95,7 +96,11 @@ def compare_runs(first: Results, second: Results, *, in_time: bool = False, in_s
         moved = align_in_space(one, other)
         other = moved.apply(other)
     difference = compare_motions(one, other, arc)
-    notes = [_state_markers(first, second, arc), *_state_cycles(first, second, phase=phase)]
+    notes = [
+        _state_markers(first, second, arc),
+        *_state_cycles(first, second, phase=phase),
+        *_state_programs(first, second),
+    ]
     if difference.compared < LOW_COMPARED:
         notes.append("Less than half of the motion could be compared: elsewhere the markers of one were not found.")
     return Comparison(first, second.run_path, phase, arc, one, other, difference, late, moved, notes)
@@ -201,6 +206,17 @@ def _state_cycles(*runs: Results, phase: Floats) -> list[str]:
     if len({results.methods["cycles"].rpartition(", ")[2] for results in runs}) > 1:
         stated.append("Their phases are told by different means: equal phases may be different moments.")
     return stated
+
+
+def _state_programs(first: Results, second: Results) -> list[str]:
+    """Return a sentence where both recordings have a copy of their program, or both a hash that the controller told."""
+    for key, describe in (("sha256", describe_program_file), ("loaded_sha256", describe_loaded_program)):
+        hashes = {results.program_facts.get(key, "") for results in (first, second)}
+        one, other = describe(first.program_facts), describe(second.program_facts)
+        if "" not in hashes:
+            same = f"The robot drove by the same program in both: {one}."
+            return [same if len(hashes) == 1 else f"The robot drove by different programs: {one}; and {other}."]
+    return []
 
 
 def _say_cycles(n_cycles: int) -> str:
