@@ -43,6 +43,18 @@ def test_linking_agrees_with_its_python() -> None:
     assert np.max(np.asarray(tracks)) < len(points) / 3
 
 
+def test_a_point_that_is_thrown_round_ever_more_sharply_stays_one_track() -> None:
+    time_s = np.arange(0, 0.3, 0.01)
+    turning = np.clip((time_s - 0.05) / 0.1, 0.0, 1.0) * 60.0
+    points = np.zeros((len(time_s), 3))
+    points[:, 0] = np.cumsum(np.cumsum(turning) * 0.01) * 0.01
+    given = points, np.arange(len(points) + 1), time_s
+    assert np.all(point_links.link_points(*given, 20.0, 1e-3, 5.0, 0.05) == 0)
+    sudden = points.copy()
+    sudden[20:, 1] += 0.02  # no cable: from one frame to the next, without a sharper and sharper turn before
+    assert point_links.link_points(sudden, *given[1:], 20.0, 1e-3, 5.0, 0.05)[20] == 1
+
+
 def filtered(seen: np.ndarray, place_m: Floats) -> tuple[Floats, Floats]:
     variance = np.full(len(place_m), 1e-8)
     onward = agree(motion_bridges.filter_motion, place_m, variance, seen, TIME_S, 0.5, 1.0, True)[0]

@@ -1,14 +1,21 @@
-"""Runs the command ``bench`` as a user does: in a process of its own."""
+"""Runs the command ``bench`` as a user does, and returns what a user sees."""
 
 from __future__ import annotations
 
+import io
 import itertools
 import os
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
+from unittest.mock import patch
 
+from bench.cli import main
 from bench.config import simulated_config_text
+
+OWN_PROCESS = {"run", "check", "live", "simulate"}
+"""Commands that keep pace, take signals or start children. The pages of the documentation start the others so, too."""
 
 _hosts = itertools.count(1)
 _WORKER = 1 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
@@ -16,8 +23,22 @@ _WORKER = 1 + int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"
 
 
 def bench(*arguments: str | Path, timeout: float = 120.0) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "bench", *map(str, arguments)]
+    """Run a command to its end: in a process of its own, or in this one, which has loaded most libraries already."""
+    words = [str(argument) for argument in arguments]
+    if words[0] not in OWN_PROCESS:
+        return _run_here(words)
+    command = [sys.executable, "-m", "bench", *words]
     return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+def _run_here(words: list[str]) -> subprocess.CompletedProcess[str]:
+    code, out, err = 0, io.StringIO(), io.StringIO()
+    with patch.object(sys, "argv", ["bench", *words]), redirect_stdout(out), redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return subprocess.CompletedProcess(words, code, out.getvalue(), err.getvalue())
 
 
 def start_bench(*arguments: str | Path) -> subprocess.Popen[str]:

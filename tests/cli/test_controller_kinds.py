@@ -10,13 +10,19 @@ from bench_command import bench, one_sentence, simulated_file
 from bench.recording import open_run
 
 
-@pytest.mark.parametrize(("controller", "version"), [("cb3", "3.15."), ("polyscope-x", "10.12.")])
-def test_a_cycle_is_run_and_recorded(tmp_path: Path, controller: str, version: str) -> None:
+@pytest.mark.parametrize(
+    ("controller", "version", "program"),
+    [("cb3", "3.15.", {"loaded": "/programs/bend_test.urp"}), ("polyscope-x", "10.12.", {"loaded": "bend_test"})],
+)
+def test_a_cycle_is_run_and_recorded(tmp_path: Path, controller: str, version: str, program: dict[str, str]) -> None:
     config = simulated_file(tmp_path, ("[simulation]", f'[simulation]\ncontroller = "{controller}"'))
     run = bench("run", config, "--cycles", "1", "--speed", "8", "--output", tmp_path / "a.mcap")
     assert run.returncode == 0, run.stderr + run.stdout
     robot = next(device for device in open_run(tmp_path / "a.mcap").devices if device.device == "robot")
     assert robot.version.startswith(version)
+    told = open_run(tmp_path / "a.mcap").metadata["bench.program"]
+    assert program.items() <= told.items()
+    assert ("loaded_sha256" in told) == (controller == "polyscope-x")
 
 
 def test_polyscope_x_is_refused_while_it_is_in_local_control(tmp_path: Path) -> None:

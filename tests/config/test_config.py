@@ -223,3 +223,9 @@ def test_only_a_program_that_counts_is_granted_its_cycles_unless_it_says_so() ->
     robot = simulated_config().robot
     assert robot is not None
     assert robot.cycle.is_granted
+
+
+def test_a_recording_is_split_into_parts_of_a_size_or_not_at_all() -> None:
+    assert parse_config("[run]\nsplit_mb = 4000\n" + TAKE, "lab.toml").run.split_bytes == 4_000_000_000
+    assert parse_config(TAKE, "lab.toml").run.split_bytes == 0
+    assert "a part has 1 MB at least; 0: the recording is not split" in fault("[run]\nsplit_mb = 0.5\n" + TAKE)

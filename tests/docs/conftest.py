@@ -10,14 +10,15 @@ from pathlib import Path
 import pytest
 from example_take import write_example_take
 from markdown_pages import CONFIGS, ROOT, find_blocks
+from workshop import FIRST_RUN
 
 
 @pytest.fixture(scope="session")
 def material(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Make once what the pages take as given: a recording of two cycles and its report, an old take, configs."""
+    """Make once what the pages take as given: a recording of three cycles and its report, an old take, configs."""
     folder = tmp_path_factory.mktemp("material")
     bench = [sys.executable, "-m", "bench"]
-    for arguments in (["run", "--cycles", "2", "--speed", "10", "--output", "run.mcap"], ["report", "run.mcap"]):
+    for arguments in ([*FIRST_RUN.split()[1:], "run.mcap"], ["report", "run.mcap"]):
         made = subprocess.run(
             [*bench, *arguments], cwd=folder, capture_output=True, text=True, timeout=120, check=False
         )

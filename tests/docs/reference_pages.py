@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator
+from functools import cache
 from typing import Any, get_args
 
 from markdown_pages import ROOT
@@ -84,11 +85,13 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.channels` | topics by channel number, again, so that a file without its first chunk can be read |
 | `bench.device.robot`, `bench.device.tracker` | what each device said of itself, and who stamps its arrivals |
 | `bench.preflight` | each check before the first cycle, verdict and value; the program that the controller has loaded |
-| `bench.program` | of the copy of the robot's program: `file`, `sha256`, `bytes`, and the name of its `attachment` |
+| `bench.program` | what the controller tells of the loaded program; `file`, `sha256`, `bytes` of the copy, see below |
 | `bench.cycle_source` | what tells the cycles, and how well it knows their times |
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |
+| `bench.part` | of a run that is split by size: number of the part, the first one's file, messages written before it |
+| `bench.continues` | at the end of each part but the last: the file in which the run goes on, and the counts so far |
 | `bench.salvage` | `lost`: of a file made by `bench salvage`, what was lost |
 | `bench.end` | exit status, reason, and for each topic received, written, dropped, missed; longest queue and sync |
 
@@ -100,7 +103,9 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `calibration.toml` | the calibration that the configuration names, if any; it is part of `config.toml`, too |
 | `program.urp`, or another suffix | the copy of the robot's program that `[robot] program_file` names, byte for byte |
 
-`open_run("run.mcap").read_attachment("config.toml")` gives the bytes of one.
+`open_run("run.mcap").read_attachment("config.toml")` gives the bytes of one. Which one is the program, `bench.program`
+says as `attachment`. `loaded` is the loaded program's name or path on the controller, and `loaded_sha256` and
+`loaded_bytes` are of what a controller gives out of it (PolyScope X from 10.12 on).
 
 ## What the recorder counts
 
@@ -201,9 +206,15 @@ def _default(info: FieldInfo) -> str:
 
 
 def _kind(key: str, model: type[BaseModel]) -> str:
-    schema = config_schema()["$defs"][model.__name__]["properties"][key]
+    schema = _definitions()[model.__name__]["properties"][key]
     options = [o for o in schema.get("anyOf", [schema]) if o.get("type") != "null"]
     return " or ".join(_describe(option) for option in options)
+
+
+@cache
+def _definitions() -> dict[str, Any]:
+    definitions: dict[str, Any] = config_schema()["$defs"]
+    return definitions
 
 
 def _describe(schema: dict[str, Any]) -> str:

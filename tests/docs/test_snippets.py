@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from markdown_pages import ROOT, find_blocks, find_commands, find_pages
-from workshop import Workshop
+from workshop import FIRST_RUN, Workshop
 
 PAGES = [page for page in find_pages() if find_blocks(page)]
 LANGUAGES = {"console", "python", "toml", "text"}
@@ -20,10 +20,15 @@ def test_every_block_of_the_page_works(
     folder = tmp_path / "page"
     shutil.copytree(material, folder)
     monkeypatch.chdir(folder)
-    workshop = Workshop(folder, f"127.0.{80 + PAGES.index(page)}")
+    workshop = Workshop(folder, f"127.0.{80 + PAGES.index(page)}", material / "run.mcap")
     for block in find_blocks(page):
         assert block.language in LANGUAGES, f"{block.place}: '{block.language}' is no language of these pages"
         workshop.follow(block)
+
+
+def test_the_run_that_is_copied_is_one_that_pages_show() -> None:
+    commands = [command for page in PAGES for block in find_blocks(page) for command in find_commands(block)]
+    assert len([command for command in commands if command.startswith(f"{FIRST_RUN} ")]) > 2
 
 
 def test_the_pages_do_show_how_to_use_every_command() -> None:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from recording_examples import T0_NS, make_state, open_writer
-from writing_process import Loss, kill_after, measure_loss, writing_process
+from writing_process import Loss, find_first_part, kill_after, measure_loss, writing_process
 
 from bench.errors import BenchError, RecordingError, RecordingExistsError
 from bench.recording import ROBOT, STATS, RunWriter, open_run
@@ -25,7 +25,8 @@ from bench.timing import ManualClock, RunClock
 
 PATIENCE_S = 60.0
 PROMISE_S = 1.0
-N_KILLED = 5
+N_KILLED = 3
+SPLIT_BYTES = 20_000
 HOUR_NS = 3_600_000_000_000
 SHUTDOWN, WITHOUT_ITS_JOURNAL = 0x8004587D, 2  # linux: FS_IOC_SHUTDOWN, EXT4_GOING_FLAGS_NOLOGFLUSH
 
@@ -45,6 +46,18 @@ def test_what_is_put_until_a_second_before_a_kill_is_in_the_file(tmp_path: Path)
         losses = list(pool.map(kill_after, folders, [random.uniform(1.2, 2.2) for _ in folders]))
     for loss in losses:
         assert_within_the_promise(loss)
+
+
+def test_a_kill_while_the_run_goes_on_in_ever_new_parts_costs_no_more(tmp_path: Path) -> None:
+    folders = [tmp_path / str(i) for i in range(N_KILLED)]
+    for folder in folders:
+        folder.mkdir()
+    seconds = [random.uniform(1.5, 2.2) for _ in folders]
+    with ThreadPoolExecutor(N_KILLED) as pool:
+        losses = list(pool.map(kill_after, folders, seconds, [0.0, 0.0, 0.33], repeat(SPLIT_BYTES)))
+    for loss in losses:
+        assert_within_the_promise(loss)
+        assert loss.n_parts > 1
 
 
 def test_a_disk_that_takes_a_third_of_a_second_for_each_sync_keeps_the_promise(tmp_path: Path) -> None:
@@ -71,12 +84,13 @@ def ext4(tmp_path: Path) -> Iterator[tuple[Path, Path]]:
     subprocess.run(["umount", folder], check=True)
 
 
+@pytest.mark.parametrize("split_bytes", [0, SPLIT_BYTES], ids=["one file", "in parts"])
 def test_what_was_put_until_a_second_before_the_power_fails_is_on_the_disk(
-    tmp_path: Path, ext4: tuple[Path, Path]
+    tmp_path: Path, ext4: tuple[Path, Path], split_bytes: int
 ) -> None:
     folder, image = ext4
     shared = tmp_path / "shared"
-    with writing_process(folder / "run.mcap", shared) as child:
+    with writing_process(folder / "run.mcap", shared, split_bytes=split_bytes) as child:
         threading.Event().wait(random.uniform(1.5, 2.5))
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -89,7 +103,7 @@ def test_what_was_put_until_a_second_before_the_power_fails_is_on_the_disk(
     subprocess.run(["umount", folder], check=True)
     subprocess.run(["mount", "-o", "loop", image, folder], check=True)
     shared.write_bytes(put)
-    assert_within_the_promise(measure_loss(folder / "run.mcap.active", shared))
+    assert_within_the_promise(measure_loss(find_first_part(folder), shared))
 
 
 def test_a_second_bench_on_the_same_output_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:

@@ -61,7 +61,7 @@ def break_stream(writer: RunWriter, monkeypatch: pytest.MonkeyPatch, number: int
         def __getattr__(self, name: str) -> Any:
             return getattr(self._stream, name)
 
-    monkeypatch.setattr(writer._mcap, "_Writer__stream", Broken(writer._file.stream))
+    monkeypatch.setattr(writer._parts._part._mcap, "_Writer__stream", Broken(writer._parts._part.file.stream))
 
 
 def test_a_run_carries_its_metadata(tmp_path: Path) -> None:
@@ -94,7 +94,7 @@ def test_the_configuration_is_also_an_attachment(tmp_path: Path) -> None:
 def test_attachments_are_texts_or_any_bytes_and_are_read_back_by_name(tmp_path: Path) -> None:
     content = bytes(range(256)) * 9
     writer = open_writer(tmp_path / "run.mcap", attachments={"calibration.toml": "[time]", "program.urp": content})
-    unfinished = open_run(writer._file.active)
+    unfinished = open_run(tmp_path / "run.mcap.active")
     assert unfinished.read_attachment("program.urp") == content
     run = open_run(writer.close(exit_status="success", reason=""))
     assert run.read_attachment("program.urp") == content

@@ -1,7 +1,7 @@
 """A process that records as a run does, and says in shared memory what it has put: the child that tests kill.
 
 Alone it is a sweep: ``python tests/recording/writing_process.py 50`` kills fifty and prints as JSON what was lost; with
-a second number, on a disk whose every sync takes so many seconds.
+a second number, on a disk whose every sync takes so many seconds; with a third, in parts of so many bytes.
 """
 
 from __future__ import annotations
@@ -43,6 +43,7 @@ class Loss:
     put_frames: int
     kept_states: list[int]
     kept_frames: list[int]
+    n_parts: int
     lost_s: float
     """From the last state in the file to the last that was put."""
     late_s: float
@@ -54,13 +55,13 @@ class Loss:
         return all(kept == list(range(len(kept))) for kept in (self.kept_states, self.kept_frames))
 
 
-def record_until_killed(path: Path, shared: Path, sync_takes_s: float) -> None:
-    """Put 500 states and 100 frames a second, for ever, on a disk whose every sync takes so long."""
+def record_until_killed(path: Path, shared: Path, sync_takes_s: float, split_bytes: int) -> None:
+    """Put 500 states and 100 frames a second, for ever, on a disk whose every sync takes so long, in such parts."""
     slow_down_the_disk(sync_takes_s)
     with shared.open("r+b") as file:
         slots = mmap.mmap(file.fileno(), _SLOTS.size)
     clock = RunClock.start()
-    writer = open_writer(path, clock)
+    writer = open_writer(path, clock, split_bytes=split_bytes)
     begin, late_ns, number = clock.now_ns(), 0, 0
     while True:
         due = begin + number * 1_000_000_000 // STATES_PER_S
@@ -85,10 +86,12 @@ def slow_down_the_disk(sync_takes_s: float) -> None:
 
 
 @contextmanager
-def writing_process(path: Path, shared: Path, sync_takes_s: float = 0.0) -> Iterator[subprocess.Popen[bytes]]:
+def writing_process(
+    path: Path, shared: Path, sync_takes_s: float = 0.0, split_bytes: int = 0
+) -> Iterator[subprocess.Popen[bytes]]:
     """Start the child, wait for its first records, and see that nothing of it is left."""
     shared.write_bytes(_SLOTS.pack(-1, 0, -1, 0))
-    child = subprocess.Popen([sys.executable, __file__, str(path), str(shared), str(sync_takes_s)])
+    child = subprocess.Popen([sys.executable, __file__, *map(str, (path, shared, sync_takes_s, split_bytes))])
     try:
         pause = threading.Event()
         for _ in range(round(PATIENCE_S / 0.01)):
@@ -108,37 +111,45 @@ def read_slots(shared: Path) -> tuple[int, int, int, int]:
 
 
 def measure_loss(path: Path, shared: Path) -> Loss:
-    """Compare what was put with what the unfinished file `path` holds."""
+    """Compare what was put with what the unfinished run holds whose file, or first part, is `path`."""
     run = open_run(path)
     run.load([ROBOT, POINTS])  # fails where a frame is without its points
     number, arrival_ns, frame, late_ns = read_slots(shared)
     last = int(run[ROBOT].arrival_ns[-1]) if len(run[ROBOT].arrival_ns) else arrival_ns - 10**12
     frames = (run[FRAME].frame_number - 1000).tolist()
-    return Loss(number, frame, run[ROBOT].sequence.tolist(), frames, max(arrival_ns - last, 0) * 1e-9, late_ns * 1e-9)
+    lost_s, late_s = max(arrival_ns - last, 0) * 1e-9, late_ns * 1e-9
+    return Loss(number, frame, run[ROBOT].sequence.tolist(), frames, len(run.parts), lost_s, late_s)
 
 
-def kill_after(folder: Path, seconds: float, sync_takes_s: float = 0.0) -> Loss:
+def kill_after(folder: Path, seconds: float, sync_takes_s: float = 0.0, split_bytes: int = 0) -> Loss:
     """Kill a recording process `seconds` after its first record."""
     path, shared = folder / "run.mcap", folder / "shared"
-    with writing_process(path, shared, sync_takes_s) as child:
+    with writing_process(path, shared, sync_takes_s, split_bytes) as child:
         threading.Event().wait(seconds)
         child.send_signal(signal.SIGKILL)
         child.wait()
-    return measure_loss(path.with_name("run.mcap.active"), shared)
+    return measure_loss(find_first_part(folder), shared)
 
 
-def sweep(n: int, sync_takes_s: float) -> None:
+def find_first_part(folder: Path) -> Path:
+    """Return the file of an unfinished run, or the first of its parts: only the newest of them is still active."""
+    active = folder / "run.mcap.active"
+    return active if active.exists() else folder / "run.mcap"
+
+
+def sweep(n: int, sync_takes_s: float, split_bytes: int) -> None:
     """Kill `n` processes at random moments and print what was lost."""
     losses = []
     for _ in range(n):
         with tempfile.TemporaryDirectory() as folder:
-            losses.append(kill_after(Path(folder), random.uniform(1.0, 3.0), sync_takes_s))
+            losses.append(kill_after(Path(folder), random.uniform(1.0, 3.0), sync_takes_s, split_bytes))
     lost_s = [loss.lost_s for loss in losses]
     figures = {
         "killed": n,
         "lost_at_most_s": round(max(lost_s), 3),
         "lost_in_the_median_s": round(statistics.median(lost_s), 3),
         "late_at_most_s": round(max(loss.late_s for loss in losses), 3),
+        "parts_at_most": max(loss.n_parts for loss in losses),
         "files_with_gaps": sum(not loss.is_whole_before_its_end for loss in losses),
     }
     sys.stdout.write(json.dumps(figures) + "\n")
@@ -147,8 +158,10 @@ def sweep(n: int, sync_takes_s: float) -> None:
 if __name__ == "__main__":
     match sys.argv[1:]:
         case [n]:
-            sweep(int(n), 0.0)
+            sweep(int(n), 0.0, 0)
         case [n, sync_takes_s]:
-            sweep(int(n), float(sync_takes_s))
-        case [path, shared, sync_takes_s]:
-            record_until_killed(Path(path), Path(shared), float(sync_takes_s))
+            sweep(int(n), float(sync_takes_s), 0)
+        case [n, sync_takes_s, split_bytes]:
+            sweep(int(n), float(sync_takes_s), int(split_bytes))
+        case [path, shared, sync_takes_s, split_bytes]:
+            record_until_killed(Path(path), Path(shared), float(sync_takes_s), int(split_bytes))

@@ -83,6 +83,8 @@ def test_programs_that_both_recordings_carry_are_held_against_each_other(first):
     assert "ab" * 32 in told
     assert "cd" * 32 in told
     assert not any("program" in note for note in compare_runs(first, other).notes)
+    loaded = dataclasses.replace(first, program_facts={"loaded": "bend", "loaded_sha256": "ef" * 32})
+    assert "the same program in both: bend" in compare_runs(loaded, loaded).notes[-1]
 
 
 def test_a_late_motion_is_put_forward(first):

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from collections.abc import Callable
+from functools import cache
 from xml.etree import ElementTree
 
 import matplotlib as mpl
@@ -20,8 +22,10 @@ from bench.report.figures import (
     n_points_outside,
 )
 from bench.report.figures.axes import cell_edges
+from bench.report.results import Results
 
-FIGURES = [example_figure, cycles_figure, completeness_figure, bend_map_figure]
+Maker = Callable[[Results], str]
+FIGURES: list[Maker] = [example_figure, cycles_figure, completeness_figure, bend_map_figure]
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -29,14 +33,20 @@ def words(svg: str) -> str:
     return " ".join(text.strip() for text in ElementTree.fromstring(svg).itertext() if text.strip())
 
 
+@cache
+def drawn(figure: Maker) -> str:
+    """Return a figure of three usual cycles."""
+    return figure(make_results(3))
+
+
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_the_same_text_every_time(figure):
-    assert figure(make_results(3)) == figure(make_results(3))
+    assert figure(make_results(3)) == drawn(figure)
 
 
 @pytest.mark.parametrize("figure", FIGURES)
 def test_a_figure_is_well_formed_and_says_what_it_shows(figure):
-    root = ElementTree.fromstring(figure(make_results(3)))
+    root = ElementTree.fromstring(drawn(figure))
     assert root.tag == f"{SVG}svg"
     assert root.get("viewBox")
     assert root.find(f"{SVG}title").text
@@ -46,7 +56,7 @@ def test_a_figure_is_well_formed_and_says_what_it_shows(figure):
 def test_no_two_figures_share_an_id_and_every_reference_has_its_target():
     ids: list[str] = []
     for figure in FIGURES:
-        svg = figure(make_results(3))
+        svg = drawn(figure)
         own = re.findall(r'\sid="([^"]+)"', svg)
         referred = re.findall(r'url\(#([^)]+)\)|href="#([^"]+)"', svg)
         assert {a or b for a, b in referred} <= set(own)
@@ -61,7 +71,7 @@ def test_drawing_leaves_the_settings_of_matplotlib_as_they_were():
 
 
 def test_a_users_matplotlibrc_does_not_change_the_report():
-    usual = cycles_figure(make_results(3))
+    usual = drawn(cycles_figure)
     with mpl.rc_context({"lines.linewidth": 9, "font.size": 20, "axes.facecolor": "k", "svg.fonttype": "path"}):
         assert cycles_figure(make_results(3)) == usual
 
@@ -82,16 +92,15 @@ def test_many_cycles_say_how_many_share_a_place():
 
 
 def test_the_catalogue_limit_is_named_in_every_figure_that_shows_bends():
-    results = make_results(3)
-    assert "catalogue limit 60 mm" in words(cycles_figure(results))
-    assert "catalogue limit 60 mm" in words(example_figure(results))
-    assert "60 limit" in words(bend_map_figure(results))
+    assert "catalogue limit 60 mm" in words(drawn(cycles_figure))
+    assert "catalogue limit 60 mm" in words(drawn(example_figure))
+    assert "60 limit" in words(drawn(bend_map_figure))
 
 
 def test_a_map_with_tight_bends_outlines_them():
     results = make_results(3, bend_map_per_m=2 * curvature_at(np.arange(100) / 100))
     assert "tighter than the catalogue limit" in words(bend_map_figure(results))
-    assert "tighter than the catalogue limit" not in words(bend_map_figure(make_results(3)))
+    assert "tighter than the catalogue limit" not in words(drawn(bend_map_figure))
 
 
 def test_a_map_with_holes_says_not_seen():
@@ -99,11 +108,11 @@ def test_a_map_with_holes_says_not_seen():
     holes = seen.copy()
     holes[10:20, 30:50] = np.nan
     assert "not seen" in words(bend_map_figure(make_results(3, bend_map_per_m=holes)))
-    assert "not seen" not in words(bend_map_figure(make_results(3, bend_map_per_m=seen)))
+    assert "not seen" not in words(drawn(bend_map_figure))
 
 
 def test_the_map_is_a_picture_inside_the_svg():
-    svg = bend_map_figure(make_results(3))
+    svg = drawn(bend_map_figure)
     assert len(ElementTree.fromstring(svg).findall(f".//{SVG}image")) >= 1
     assert len(svg) < 300_000
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import re
+from functools import cache
 from html.parser import HTMLParser
 
 import numpy as np
@@ -66,6 +67,11 @@ def no_figures(monkeypatch):
 words_only = pytest.mark.usefixtures("no_figures")
 
 
+@cache
+def usual_page() -> str:
+    return render_report(make_results(3, attention={1: ["slow"]}))
+
+
 def unseen(n_cycles: int):
     nothing = np.full(n_cycles, np.nan)
     names = ("duration_s", "complete_fraction", "max_curvature_per_m", "max_curvature_sigma_per_m")
@@ -86,7 +92,7 @@ def test_the_first_screen_answers_what_one_asks_in_the_morning():
 
 
 def test_every_section_is_there_in_order():
-    page = Page(render_report(make_results(3)))
+    page = Page(usual_page())
     headings = [
         "What was run",
         "One frame, from points to curvature",
@@ -107,7 +113,7 @@ def test_every_section_is_there_in_order():
 
 
 def test_the_page_asks_the_network_for_nothing_and_runs_no_script():
-    text = render_report(make_results(3))
+    text = usual_page()
     page = Page(text)
     for _, attributes in page.elements:
         for name, value in attributes.items():
@@ -123,7 +129,7 @@ def test_the_page_asks_the_network_for_nothing_and_runs_no_script():
 
 
 def test_ids_are_unique_and_links_lead_somewhere():
-    page = Page(render_report(make_results(3, attention={1: ["slow"]})))
+    page = Page(usual_page())
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     assert {a["href"] for a in page.all("a")} <= {f"#{name}" for name in ids}
@@ -163,12 +169,14 @@ def test_hostile_names_stay_text_everywhere():
     assert page.text.count("{{ 7 * 7 }}") >= 15
 
 
+@words_only
 def test_what_the_run_noted_is_told_with_its_time():
     noted = [NotedLine(1_700_000_000_250_000_000, Severity.ERROR, "robot", "The controller closed the connection.")]
     page = Page(render_report(make_results(1, noted=noted)))
     assert "2023-11-14 22:13:20.250 error robot The controller closed the connection." in page.text
 
 
+@words_only
 def test_a_long_log_shows_its_warnings_first_and_says_how_much_is_left_out():
     noted = [NotedLine(n, Severity.INFO, "run", f"info {n}.") for n in range(NOTED_ROWS)]
     noted += [NotedLine(n, Severity.WARN, "run", f"warning {n}.") for n in range(NOTED_ROWS + 5)]
@@ -222,7 +230,7 @@ def test_an_unfinished_recording_is_said_so_first():
 
 
 def test_the_table_of_clocks_says_who_stamped_the_arrivals():
-    page = render_report(make_results(3))
+    page = usual_page()
     assert "<td>lower convex hull, arrivals by the kernel</td>" in page
     assert "<td>echoes</td>" in page
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -51,8 +52,11 @@ class FreeRobot:
         q = tuple(a + way_rad + 1e-4 * b for a, b in zip(START_RAD, noise[:6], strict=True))
         qd = tuple(speed + 1e-3 * b for b in noise[6:])
         time_ns = k * PERIOD_NS
-        state = RobotState(time_ns, time_ns, k, 0, time_ns * 1e-9, runtime_state=runtime_state, safety_status=1)
-        self.states.append(replace(state, digital_outputs=bits, q_rad=q, qd_rad_s=qd))
+        state = RobotState(
+            time_ns, time_ns, k, 0, time_ns * 1e-9,
+            runtime_state=runtime_state, safety_status=1, digital_outputs=bits, q_rad=q, qd_rad_s=qd,
+        )  # fmt: skip
+        self.states.append(state)
 
 
 def watch(states: list[RobotState], config: CycleConfig) -> list[Event]:
@@ -89,20 +93,25 @@ def one_after_the_other(n: int) -> list[Event]:
     return [event for i in range(n) for event in (CycleStarted(i), CycleCompleted(i))]
 
 
-@pytest.mark.parametrize("name", SOURCES)
-def test_of_ten_thousand_cycles_none_is_lost_and_none_counted_twice(name: str) -> None:
+@cache
+def ten_thousand_cycles(*, pulse: bool) -> list[RobotState]:
     rng = np.random.default_rng(3)
     robot = FreeRobot(rng)
     robot.stand(3, runtime_state=1)
     robot.stand(4)
     for _ in range(10_000):
         n = int(rng.integers(8, 13))
-        robot.drive(n, high=3 if name == "pulse" else n)
+        robot.drive(n, high=3 if pulse else n)
         robot.stand(int(rng.integers(1, 4)))
     robot.drive(10, high=10)
-    expected = one_after_the_other(10_000)
-    assert watch(robot.states, SOURCES[name])[: len(expected)] == expected
-    table = find_cycles(count(robot.states, SOURCES[name]))
+    return robot.states
+
+
+@pytest.mark.parametrize("name", SOURCES)
+def test_of_ten_thousand_cycles_none_is_lost_and_none_counted_twice(name: str) -> None:
+    states, expected = ten_thousand_cycles(pulse=name == "pulse"), one_after_the_other(10_000)
+    assert watch(states, SOURCES[name])[: len(expected)] == expected
+    table = find_cycles(count(states, SOURCES[name]))
     assert table.cycle_index[table.complete][:10_000].tolist() == list(range(10_000))
     assert table.unbroken.all()
 

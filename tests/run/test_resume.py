@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from bench.config import Config, ProgramFile, simulated_config, to_toml
 from bench.errors import ConfigError, RecordingError, RunError
 from bench.model import CycleEvent, CycleEventKind, RunState, StateChange
-from bench.recording import RunWriter
+from bench.recording import CYCLE, RunWriter, open_run
 from bench.run.about import attach_program
 from bench.run.journal import Journal, is_held, journal_path, read_completed
 from bench.run.resume import PROGRAM, RESUMED, hash_test, read_origin, verify_origin
@@ -26,6 +26,7 @@ def write_run(
     *,
     extra: dict[str, dict[str, str]] | None = None,
     program: ProgramFile | None = None,
+    split_bytes: int = 0,
 ) -> Path:
     clock = ManualClock()
     notes = {RESUMED: {"completed": str(n_before)}} if n_before else {}
@@ -38,6 +39,7 @@ def write_run(
         run_id="r1",
         extra=notes | (extra or {}),
         attachments=attach_program(program),
+        split_bytes=split_bytes,
     )
     for i in range(n_recorded):
         for kind in (CycleEventKind.GRANTED, CycleEventKind.STARTED, CycleEventKind.COMPLETED):
@@ -103,6 +105,30 @@ def test_the_journal_knows_the_last_second_that_the_file_lacks(tmp_path: Path) -
     origin = read_origin(path)
     assert (origin.n_completed, origin.n_recorded) == (8, 7)
     assert "Of 1 of them the end was not recorded" in origin.describe()
+
+
+def test_a_run_that_was_killed_in_its_third_part_is_gone_on_with_from_its_last_cycle(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    path = write_run(tmp_path / "a.mcap", 9, split_bytes=9_000)
+    parts = open_run(path).parts
+    assert len(parts) > 3
+    for part in parts[3:]:
+        part.path.unlink()
+    data = parts[2].path.read_bytes()
+    parts[2].path.unlink()
+    (tmp_path / "a.3.mcap.active").write_bytes(data[: data.index(b"bench.continues") - 13])
+    recorded = open_run(path)[CYCLE]
+    n_recorded = int((recorded.kind == CycleEventKind.COMPLETED).sum())
+    journal_path(path).write_text(json.dumps({"completed": n_recorded + 1}) + "\n")
+    origin = read_origin(path)
+    assert 0 < n_recorded < 9
+    assert (origin.n_completed, origin.n_recorded) == (n_recorded + 1, n_recorded)
+    assert origin.to_metadata()["file"] == "a.mcap"
+    with pytest.raises(RunError, match=r"a\.3\.mcap\.active is part 3 of the run that begins in a\.mcap") as caught:
+        read_origin(tmp_path / "a.3.mcap.active")
+    assert caught.value.hint == f"Go on with that: --resume {path}."
 
 
 def test_a_run_that_went_on_with_another_counts_from_there(tmp_path: Path) -> None:

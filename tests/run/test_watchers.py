@@ -14,9 +14,9 @@ from bench.errors import ConfigError, DeviceStateError
 from bench.model import RobotState
 from bench.run.cycle_watcher import CycleWatcher
 from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
+from bench.run.options import RunOptions
 from bench.run.pace import PaceWatch
 from bench.run.plan import describe_plan
-from bench.run.session import RunOptions
 from bench.timing import ManualClock, RunClock
 
 BASE = RobotState(0, 0, 0, 0, 61.25, runtime_state=2, safety_status=1, cycle_count=0, cycle_running=0)
@@ -92,3 +92,14 @@ def test_a_configuration_without_devices_cannot_be_run() -> None:
     cable = parse_config("[cable]" + simulated_config_text().split("[cable]")[1].split("[simulation]")[0], "take.toml")
     with pytest.raises(ConfigError, match="no \\[robot\\] and no \\[tracker\\]"):
         describe_plan(cable, RunOptions(n_cycles=1))
+
+
+def test_a_plan_says_how_many_parts_there_will_be() -> None:
+    simulated = simulated_config()
+    assert "parts" not in "\n".join(describe_plan(simulated, RunOptions(n_cycles=50)))
+    split = simulated.model_copy(update={"run": simulated.run.model_copy(update={"split_mb": 1.0})})
+    assert "parts    about 11, each of 1 MB: [run] split_mb" in describe_plan(split, RunOptions(n_cycles=50))
+    real = split.model_copy(update={"simulation": None})
+    assert "parts    about 432 for each hour, each of 1 MB: [run] split_mb" in describe_plan(
+        real, RunOptions(n_cycles=9)
+    )

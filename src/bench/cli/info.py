@@ -40,7 +40,7 @@ def info(
 
 
 def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
-    from bench.config import describe_program_file
+    from bench.config import describe_loaded_program, describe_program_file
 
     about, facts = run.metadata["bench.run"], run.metadata.get("bench.facts", {})
     begin_ns, end_ns = run.span_ns
@@ -50,6 +50,8 @@ def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
     yield "started", f"{about.get('started_utc', '')} on {about.get('host_name', '')}"
     yield "duration", f"{(end_ns - begin_ns) * 1e-9:.1f} s from the first record to the last"
     yield "size", f"{run.status.bytes_total / 1e6:.1f} MB"
+    for part in run.parts if len(run.parts) > 1 else []:
+        yield "part", f"{part.path.name}: {part.bytes_total / 1e6:.1f} MB, {part.n_messages} messages"
     yield "exit status", run.exit_status + (f": {run.exit_reason}" if run.exit_reason else "")
     yield "cycles", _count_cycles(run)
     yield "cycle source", run.metadata.get("bench.cycle_source", {}).get("source", "")
@@ -59,6 +61,7 @@ def _state_facts(run: Run) -> Iterator[tuple[str, str]]:
         words = (device.kind, device.version, f"at {device.address}" if device.address else "")
         rate = f", {device.rate_hz:g} Hz" if device.rate_hz > 0 else ""
         yield device.device, " ".join(word for word in words if word) + rate
+    yield "program", describe_loaded_program(run.metadata.get("bench.program", {}))
     yield "program file", describe_program_file(run.metadata.get("bench.program", {}))
     yield "calibration", _describe_calibration(run)
     yield from _state_clocks(run)

@@ -53,6 +53,7 @@ def report(
     holds. Of several runs the largest code counts. Results that exist are never overwritten (exit code 5).
     """
     settings = settings_or_none(config)
+    runs = [run for run in runs if not _is_reported_with_another(run, runs)]
     folders = _output_folders(runs, output)
     for folder in folders:
         _verify_free(folder, mcap=mcap)
@@ -60,6 +61,21 @@ def report(
         raise typer.Exit(_report_one(runs[0], folders[0], settings, mcap=mcap))
     codes = [_report_or_say(run, folder, settings, mcap=mcap) for run, folder in zip(runs, folders, strict=True)]
     raise typer.Exit(max(codes))
+
+
+def _is_reported_with_another(run: Path, runs: Sequence[Path]) -> bool:
+    """Tell, also on the screen, that a file is a later part of a run whose first part is among `runs`."""
+    from bench.recording import find_first, open_run
+
+    first = find_first(run)
+    given = [one for one in runs if first is not None and one in (first, first.with_name(f"{first.name}.active"))]
+    try:
+        if not given or open_run(run).part_number == 1:
+            return False
+    except BenchError:
+        return False
+    print(f"{run} is a part of the run of {given[0]}, and in its report.")
+    return True
 
 
 def _output_folders(runs: Sequence[Path], output: Path | None) -> list[Path]:

@@ -81,8 +81,9 @@ def _print_summary(summary: RunSummary) -> None:
     received = {topic: stats.received for topic, stats in summary.stats.items()}
     dropped = sum(stats.dropped for stats in summary.stats.values())
     missed = sum(stats.missed for stats in summary.stats.values())
+    size = f"{summary.bytes_written / 1e6:.1f} MB" + (f" in {summary.n_parts} parts" if summary.n_parts > 1 else "")
     print(
-        f"{summary.path}: {summary.bytes_written / 1e6:.1f} MB, {received.get('/robot/state', 0)} robot states, "
+        f"{summary.path}: {size}, {received.get('/robot/state', 0)} robot states, "
         f"{received.get('/tracker/points', 0)} tracker frames, {dropped} dropped, {missed} missed."
     )
     print(f"Next: bench report {summary.path}")

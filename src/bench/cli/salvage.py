@@ -31,6 +31,9 @@ def salvage(
 ) -> None:
     """Rebuild an unfinished or damaged recording, and say what was lost.
 
+    A run that was split by size is named by its first part: --in-place finishes every part that needs it, --output
+    puts all parts into one file. A later part that is named is salvaged alone.
+
     Exit code 0: everything that stood in the file was kept. 3: something of it was lost. 1: nothing can be kept.
     """
     if (output is None) != in_place:

@@ -48,7 +48,13 @@ from bench.config.models import (
     RunConfig,
 )
 from bench.config.policy import PolicyConfig
-from bench.config.program_file import LARGEST_PROGRAM, ProgramFile, describe_program_file, read_program_file
+from bench.config.program_file import (
+    LARGEST_PROGRAM,
+    ProgramFile,
+    describe_loaded_program,
+    describe_program_file,
+    read_program_file,
+)
 from bench.config.simulation import SimulationConfig
 from bench.config.tracker import AnyTrackerConfig, QualisysConfig, TrackerConfig
 
@@ -93,6 +99,7 @@ __all__ = [
     "TrackerConfig",
     "VectorSignal",
     "config_schema",
+    "describe_loaded_program",
     "describe_program_file",
     "load_calibration",
     "load_config",

@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import pairwise
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, Tag, model_validator
+from pydantic import Field, Tag, field_validator, model_validator
 
 from bench.config.calibration import CalibrationConfig
 from bench.config.modbus import ModbusRobotConfig
@@ -38,6 +38,10 @@ Joints = Annotated[tuple[float, float, float, float, float, float], Field(strict
 Point = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
+SMALLEST_PART_MB = 1.0
+"""Some seconds of recording: ending a part costs a handful of syncs, which must not be most of what the disk does."""
+
+
 class RunConfig(Section):
     """What the run is called and where its file goes."""
 
@@ -45,6 +49,13 @@ class RunConfig(Section):
     sample_id: str = Field("", max_length=200, description="Whatever identifies the cable under test.")
     operator: str = Field("", max_length=200, description="Who is responsible for the test.")
     output_dir: str = Field("runs", description="Folder of the run file when --output is left out.")
+    split_mb: float = Field(
+        0.0,
+        ge=0,
+        le=1_000_000,
+        description="Size from which on the recording goes on in another file, NAME.2.mcap and so on, 1 MB at least; "
+        "all are read as one run. 0: it stays in one file.",
+    )
     first_cycle_speed: float = Field(
         1.0,
         ge=0.02,
@@ -52,6 +63,18 @@ class RunConfig(Section):
         description="Where the speed slider stands in the first cycle after each start, so that somebody can watch it; "
         "then it is set back to where it was. 1: it is left alone. Below 0.02 a controller may stop protectively.",
     )
+
+    @field_validator("split_mb")
+    @classmethod
+    def _parts_last(cls, split_mb: float) -> float:
+        if 0 < split_mb < SMALLEST_PART_MB:
+            raise ValueError(f"a part has {SMALLEST_PART_MB:g} MB at least; 0: the recording is not split")
+        return split_mb
+
+    @property
+    def split_bytes(self) -> int:
+        """Size in bytes from which on the recording goes on in another file; 0: never."""
+        return round(self.split_mb * 1e6)
 
 
 class CycleConfig(Section):

@@ -11,7 +11,13 @@ from pathlib import Path
 from bench.config.models import Config
 from bench.errors import ConfigError
 
-__all__ = ["LARGEST_PROGRAM", "ProgramFile", "describe_program_file", "read_program_file"]
+__all__ = [
+    "LARGEST_PROGRAM",
+    "ProgramFile",
+    "describe_loaded_program",
+    "describe_program_file",
+    "read_program_file",
+]
 
 LARGEST_PROGRAM = 16_000_000
 """Bytes. A program is kilobytes, packed with its installation some hundred; what is larger is a backup or a mistake,
@@ -53,6 +59,13 @@ def describe_program_file(facts: dict[str, str]) -> str:
     if not facts.get("sha256"):
         return ""
     return f"{facts.get('file', '')}, {facts.get('bytes', '')} bytes, SHA-256 {facts['sha256']}"
+
+
+def describe_loaded_program(facts: dict[str, str]) -> str:
+    """Return what metadata ``bench.program`` says of the program that the controller had loaded, in one line."""
+    if not facts.get("loaded_sha256"):
+        return facts.get("loaded", "")
+    return f"{facts.get('loaded', '')}, {facts.get('loaded_bytes', '')} bytes, SHA-256 {facts['loaded_sha256']}"
 
 
 def read_program_file(config: Config, folder: Path) -> ProgramFile | None:

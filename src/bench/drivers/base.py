@@ -8,7 +8,16 @@ from typing import Protocol, runtime_checkable
 
 from bench.model import DeviceInfo, Record
 
-__all__ = ["ProgramControl", "RecordSink", "ShownSignal", "SignalWatch", "SpeedControl", "StateStream", "TrackerStream"]
+__all__ = [
+    "ProgramControl",
+    "ProgramTeller",
+    "RecordSink",
+    "ShownSignal",
+    "SignalWatch",
+    "SpeedControl",
+    "StateStream",
+    "TrackerStream",
+]
 
 RecordSink = Callable[[Record], None]
 """Where a driver pushes its records, from its own reader thread. It never blocks and never raises."""
@@ -74,6 +83,18 @@ class ProgramControl(Protocol):
     def stop(self) -> None: ...
 
     def close(self) -> None: ...
+
+
+@runtime_checkable
+class ProgramTeller(Protocol):
+    """A program control whose controller tells more of its loaded program than the name; some play this role too."""
+
+    def tell_loaded(self) -> dict[str, str]:
+        """Return ``loaded``, its name or path there, and of its content ``loaded_sha256`` and ``loaded_bytes``.
+
+        What the controller cannot tell is left out. `DeviceError` if it does not answer.
+        """
+        ...
 
 
 @dataclass(frozen=True, slots=True)

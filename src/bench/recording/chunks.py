@@ -7,7 +7,6 @@ MCAP specification, mcap.dev/spec.
 
 from __future__ import annotations
 
-import os
 import struct
 import zlib
 from collections.abc import Collection, Iterator
@@ -18,15 +17,18 @@ import numpy.typing as npt
 import zstandard
 
 from bench.recording.container import HEAD, INDEX_HEAD, LARGEST_CHUNK, MESSAGE, MESSAGE_INDEX, Chunk, DamagedError
+from bench.recording.files import RunFiles
 
 __all__ = [
     "Data",
     "Offsets",
+    "are_messages",
     "count_messages",
     "find_times",
     "has_sound_index",
     "index_messages",
     "read_chunk",
+    "read_index",
     "read_offsets",
     "walk_records",
 ]
@@ -39,7 +41,7 @@ Offsets = npt.NDArray[np.int64]
 """Where messages begin in it, ascending."""
 
 
-def read_chunk(descriptor: int, chunk: Chunk) -> Data:
+def read_chunk(files: RunFiles, chunk: Chunk) -> Data:
     """Return the unpacked records of a chunk.
 
     Raises
@@ -47,7 +49,7 @@ def read_chunk(descriptor: int, chunk: Chunk) -> Data:
     DamagedError
         It does not unpack, or not to what its checksum says.
     """
-    packed = os.pread(descriptor, chunk.data_size, chunk.data_offset)
+    packed = files.pread(chunk.data_size, chunk.data_offset, chunk.part)
     try:
         data = _unpack(packed, chunk)
     except (OSError, RuntimeError, ValueError, EOFError, MemoryError, zstandard.ZstdError) as error:
@@ -87,14 +89,14 @@ def _unpack_lz4(packed: bytes, size: int) -> bytes:
     return data
 
 
-def has_sound_index(descriptor: int, chunk: Chunk, data: Data) -> bool:
+def has_sound_index(files: RunFiles, chunk: Chunk, data: Data) -> bool:
     """Tell whether the message index behind a chunk names all of its messages, and their places and times."""
     n_bytes, expected = 0, chunk.end
     for channel, (position, n) in chunk.index.items():
         expected += HEAD.size + INDEX_HEAD.size
-        entries = np.frombuffer(os.pread(descriptor, 16 * n, position), "<i8")
+        entries = np.frombuffer(files.pread(16 * n, position, chunk.part), "<i8")
         times, offsets = entries[0::2], entries[1::2]
-        if position != expected or len(entries) != 2 * n or not _are_messages(data, np.sort(offsets), channel):
+        if position != expected or len(entries) != 2 * n or not are_messages(data, np.sort(offsets), channel):
             return False
         expected += 16 * n
         if (_read_i64(data, offsets + HEAD.size + 6) != times).any():
@@ -109,29 +111,29 @@ def _read_i64(data: Data, offsets: Offsets) -> npt.NDArray[np.int64]:
     return places[offsets]
 
 
-def read_offsets(descriptor: int, chunk: Chunk, data: Data, wanted: Collection[int]) -> dict[int, Offsets]:
+def read_offsets(files: RunFiles, chunk: Chunk, data: Data, wanted: Collection[int]) -> dict[int, Offsets]:
     """Return where the messages of each wanted channel begin in the unpacked `data`; the head of each is whole."""
-    found = _read_index(descriptor, chunk, wanted)
+    found = read_index(files, chunk, wanted)
     is_sound = all(
-        len(offsets) == chunk.index[key][1] and _are_messages(data, offsets, key) for key, offsets in found.items()
+        len(offsets) == chunk.index[key][1] and are_messages(data, offsets, key) for key, offsets in found.items()
     )
     if not chunk.index or not is_sound:
         found = {key: offsets for key, offsets in _walk_messages(data).items() if key in wanted}
     return found
 
 
-def _read_index(descriptor: int, chunk: Chunk, wanted: Collection[int]) -> dict[int, Offsets]:
+def read_index(files: RunFiles, chunk: Chunk, wanted: Collection[int]) -> dict[int, Offsets]:
     """Return what the index says; of an index that is not all there, nothing."""
     places = {key: place for key, place in chunk.index.items() if key in wanted}
     start = min((position for position, _ in places.values()), default=0)
     end = max((position + 16 * n for position, n in places.values()), default=0)
-    raw = os.pread(descriptor, min(end - start, LARGEST_CHUNK), start)
+    raw = files.pread(min(end - start, LARGEST_CHUNK), start, chunk.part)
     if len(raw) != end - start:
         return {key: np.empty(0, np.int64) for key in places}
     return {key: np.sort(np.frombuffer(raw, "<i8", 2 * n, at - start)[1::2]) for key, (at, n) in places.items()}
 
 
-def _are_messages(data: Data, offsets: Offsets, channel: int) -> bool:
+def are_messages(data: Data, offsets: Offsets, channel: int) -> bool:
     """Check that the index, which has no checksum of its own, points at messages of its channel, at each once."""
     n_places = len(data) - HEAD.size - _MESSAGE_HEAD + 1
     if len(offsets) == 0:

@@ -11,7 +11,6 @@ MCAP specification, mcap.dev/spec.
 from __future__ import annotations
 
 import struct
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
@@ -75,6 +74,8 @@ class Note:
     opcode: int
     start: int
     end: int
+    part: int = 0
+    """In which of the run's files it is, counted from 0."""
 
 
 @dataclass(slots=True)
@@ -98,6 +99,8 @@ class Chunk:
     """The index does not contradict the times of its head, which have no checksum."""
     is_loose: bool = False
     """It is no chunk in the file, but messages that stand there one after the other: the same bytes as in one."""
+    part: int = 0
+    """In which of the run's files it is, counted from 0."""
 
     @property
     def start(self) -> int:
@@ -139,6 +142,14 @@ class Container:
     """Definitions in the summary, which count when its checksum is right."""
     current: Chunk | None = None
     """The chunk that the next index records belong to."""
+    names: tuple[str, ...] = ()
+    """What the files are called, where a run is in several."""
+    sizes: tuple[int, ...] = ()
+    """Bytes in each of them."""
+    last: Container | None = None
+    """The newest of them that is there, by itself."""
+    missing: list[str] = field(default_factory=list)
+    """One sentence for each part of the run that is not there, or cannot be read."""
 
     def note_damage(self, offset: int, text: str) -> None:
         """Note a part that is skipped; a file that is all damage does not fill the memory with sentences."""
@@ -151,8 +162,9 @@ class Container:
             self.damage.append("and more")
 
 
-def describe_chunk(chunk: Chunk, channels: Mapping[int, Channel]) -> str:
+def describe_chunk(chunk: Chunk, container: Container) -> str:
     """Return where a chunk is, from when, and how many messages of which topics its index promises."""
+    channels = container.channels
     counts = [f"{n} of {channels[key].topic}" for key, n in sorted(chunk.counts.items()) if key in channels]
     try:
         begin, end = (datetime.fromtimestamp(ns * 1e-9, tz=UTC) for ns in (chunk.start_ns, chunk.end_ns))
@@ -160,4 +172,5 @@ def describe_chunk(chunk: Chunk, channels: Mapping[int, Channel]) -> str:
     except (ValueError, OverflowError, OSError):
         times = "of unknown time"
     promised = f"; {', '.join(counts)}" if counts else ""
-    return f"the chunk at byte {chunk.offset} ({chunk.data_size} bytes, {times}{promised})"
+    place = f" of {container.names[chunk.part]}" if container.names else ""
+    return f"the chunk at byte {chunk.offset}{place} ({chunk.data_size} bytes, {times}{promised})"

@@ -36,6 +36,11 @@ class Counts:
         self._written[topic] = before + 1
         return before
 
+    @property
+    def n_written(self) -> int:
+        """Messages given to the file so far, of all topics."""
+        return sum(self._written.values())
+
     def turn_away(self, record: Record) -> None:
         """Count the messages of a record that the queue does not take."""
         with self._lock:

@@ -1,4 +1,4 @@
-"""What stands in a run file's metadata about the run, its devices and its end."""
+"""What stands in a run file's metadata about the run, its devices, its parts and its end."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ import json
 import platform
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from pathlib import Path
 
 from bench.model import DeviceInfo
 from bench.recording.counts import Counts
 from bench.timing import Clock
 
-__all__ = ["describe_device", "describe_end", "describe_run"]
+__all__ = ["describe_counts", "describe_device", "describe_end", "describe_part", "describe_run"]
 
 
 def describe_run(run_id: str, format_version: str, clock: Clock, versions: Mapping[str, str]) -> dict[str, str]:
@@ -44,6 +45,16 @@ def describe_device(info: DeviceInfo) -> dict[str, str]:
 
 def describe_end(exit_status: str, reason: str, now_ns: int, counts: Counts) -> dict[str, str]:
     """Return ``bench.end``: how the run ended, and what became of its records."""
+    return {"exit_status": exit_status, "reason": reason} | describe_counts(now_ns, counts)
+
+
+def describe_part(first: Path, number: int, written_before: int) -> dict[str, str]:
+    """Return ``bench.part``: which part of its run a file is, and how many messages are in those before it."""
+    return {"number": str(number), "first": first.name, "written_before": str(written_before)}
+
+
+def describe_counts(now_ns: int, counts: Counts) -> dict[str, str]:
+    """Return what became of the records so far."""
     totals = {
         topic: {
             "received": s.received,
@@ -55,8 +66,6 @@ def describe_end(exit_status: str, reason: str, now_ns: int, counts: Counts) -> 
         for topic, s in counts.snapshot(now_ns).items()
     }
     return {
-        "exit_status": exit_status,
-        "reason": reason,
         "ended_ns": str(now_ns),
         "totals": json.dumps(totals),
         "queue_high_water": str(counts.queue_high_water),

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from bench.errors import RecordingError
 from bench.recording.container import MAGIC, Chunk, Container
-from bench.recording.loading import opened
+from bench.recording.files import RunFiles, opened
 from bench.recording.output import active_path
+from bench.recording.part_names import CONTINUES
 from bench.recording.reader import Run
 from bench.recording.scanning import scan_further
 
@@ -21,26 +21,31 @@ RECENT_CHUNKS = 30
 
 
 class RunFollower:
-    """Reads what a recorder adds to a run file, from where it left off.
+    """Reads what a recorder adds to a run, from where it left off.
 
-    Nothing is locked and no file stays open. The name that the recorder gives the file at its end is followed.
+    Nothing is locked and no file stays open. The name that the recorder gives the file at its end is followed, and so
+    is a run that goes on in another part.
 
     Parameters
     ----------
     path : Path
-        The run file's final name, or ``x.mcap.active``. It need not be there yet.
+        The run file's final name, or ``x.mcap.active``. It need not be there yet. Of a run that was split, the part
+        from which on it is followed.
     """
 
     def __init__(self, path: Path) -> None:
-        self._active = path if path.suffix == ".active" else active_path(path)
-        self._found = Container(size=0, end=len(MAGIC))
+        self._paths = [path if path.suffix == ".active" else active_path(path)]
         self._recent: deque[Chunk] = deque(maxlen=RECENT_CHUNKS)
+        self._begin_part()
+
+    def _begin_part(self) -> None:
+        self._found = Container(size=0, end=len(MAGIC))
         self._has_begun = False
 
     @property
     def is_finished(self) -> bool:
         """The recorder has closed the file, and all of it was read."""
-        return self._found.finished
+        return self._found.finished and CONTINUES not in self._found.metadata
 
     def read(self) -> Run | None:
         """Return what was added since the last call, as a run of its own; None if nothing was.
@@ -50,20 +55,27 @@ class RunFollower:
         RecordingError
             The file cannot be read, or is none of ours.
         """
-        if not self._has_begun and not self._active.exists():
+        if self._found.finished and not self.is_finished:
+            name = self._found.metadata[CONTINUES].get("file", "")
+            self._paths.append(active_path(self._paths[0].with_name(PurePath(name).name)))
+            self._begin_part()
+        path = self._paths[-1]
+        if not self._has_begun and not path.exists() and not path.with_suffix("").exists():
             return None
-        with opened(self._active) as descriptor:
-            self._has_begun = self._has_begun or self._begins(descriptor)
+        with opened(path) as file:
+            self._has_begun = self._has_begun or self._begins(file, path)
             if self._has_begun:
-                scan_further(descriptor, self._found)
+                scan_further(file, self._found)
         added, self._found.chunks = self._found.chunks, []
+        for chunk in added:
+            chunk.part = len(self._paths) - 1
         self._recent.extend(added)
         return self._run_of(added) if added else None
 
-    def _begins(self, descriptor: int) -> bool:
-        first = os.pread(descriptor, len(MAGIC), 0)
+    def _begins(self, file: RunFiles, path: Path) -> bool:
+        first = file.pread(len(MAGIC), 0)
         if first != MAGIC[: len(first)]:
-            raise RecordingError(f"{self._active} is not an MCAP file.")
+            raise RecordingError(f"{path} is not an MCAP file.")
         return first == MAGIC
 
     def recent(self) -> Run:
@@ -71,4 +83,4 @@ class RunFollower:
         return self._run_of(list(self._recent))
 
     def _run_of(self, chunks: list[Chunk]) -> Run:
-        return Run(self._active, replace(self._found, chunks=chunks))
+        return Run(self._paths, replace(self._found, chunks=chunks))

@@ -3,50 +3,28 @@
 from __future__ import annotations
 
 import logging
-import os
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from bench.errors import RecordingError
-from bench.recording.ahead import Batch, read_ahead
+from bench.recording.ahead import work_in_turn
+from bench.recording.batches import Batch, find_messages, group_chunks, unpack_batch
 from bench.recording.cdr import CdrError
 from bench.recording.chunks import read_chunk, read_offsets
 from bench.recording.collecting import Collector, make_collector
 from bench.recording.columns import HEAD_COLUMNS, Array, Columns
 from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk
+from bench.recording.files import RunFiles, opened
 from bench.recording.gathering import read_message
-from bench.recording.output import active_path
 from bench.recording.schemas import Schema, load_schema, parse_schema
 from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
 
-__all__ = ["Span", "opened", "read_messages", "read_topics", "split_spans"]
+__all__ = ["Span", "read_messages", "read_topics", "split_spans"]
 
 _log = logging.getLogger(__name__)
-
-
-@contextmanager
-def opened(path: Path) -> Iterator[int]:
-    """Open a file for reading; `RecordingError` says why it cannot be.
-
-    A recording that its recorder has closed meanwhile is opened by its final name.
-    """
-    try:
-        descriptor = _open(path)
-    except OSError as error:
-        hint = ""
-        if active_path(path).exists():
-            hint = f"Its recording was not closed, but {active_path(path)} can be read in its place."
-        raise RecordingError(f"{path} cannot be opened: {error.strerror}.", hint=hint) from error
-    try:
-        yield descriptor
-    except OSError as error:  # a folder, or a disk that fails
-        raise RecordingError(f"{path} cannot be read: {error.strerror}.") from error
-    finally:
-        os.close(descriptor)
 
 
 class Span(NamedTuple):
@@ -74,18 +52,12 @@ def split_spans(container: Container, unpacked_bytes: int) -> Iterator[Span]:
     yield Span(start_ns)
 
 
-def _open(path: Path) -> int:
-    try:
-        return os.open(path, os.O_RDONLY)
-    except FileNotFoundError:
-        final = path.with_suffix("")
-        if path != active_path(final) or not final.exists():
-            raise
-        return os.open(final, os.O_RDONLY)
-
-
 def read_topics(
-    path: Path, container: Container, topics: Iterable[str], frames: Columns | None = None, span: Span = _ALWAYS
+    paths: Sequence[Path],
+    container: Container,
+    topics: Iterable[str],
+    frames: Columns | None = None,
+    span: Span = _ALWAYS,
 ) -> dict[str, Columns]:
     """Read all of `topics` in one pass; `frames` are those of /tracker/frame if they are not among them.
 
@@ -98,10 +70,11 @@ def read_topics(
     RecordingError
         A topic is none of bench's, or its messages are not what this version can read.
     """
+    path = paths[0]
     try:
         collectors = {topic: _make_collector(path, container, topic, span) for topic in topics}
-        with opened(path) as descriptor:
-            _collect(descriptor, container, collectors, span)
+        with opened(*paths) as files:
+            _collect(files, container, collectors, span)
         arrays = {topic: _trim(topic, collector.columns(), span) for topic, collector in collectors.items()}
     except (CdrError, MemoryError) as error:
         raise RecordingError(f"{path} cannot be read: {error}.") from error
@@ -132,33 +105,38 @@ def _read_schema(path: Path, channel: Channel) -> Schema:
     return parse_schema(own, channel.schema_text)
 
 
-def _collect(descriptor: int, container: Container, collectors: Mapping[str, Collector], span: Span) -> None:
+def _collect(files: RunFiles, container: Container, collectors: Mapping[str, Collector], span: Span) -> None:
     wanted = {key: collectors[c.topic] for key, c in container.channels.items() if c.topic in collectors}
     chunks = [chunk for chunk in container.chunks if span.touches(chunk) and not wanted.keys().isdisjoint(chunk.counts)]
-    for batch in read_ahead(descriptor, chunks, wanted.keys()):
-        for chunk, error in [*batch.damaged, *_take(batch, wanted)]:
+    batches = work_in_turn(
+        group_chunks(chunks),
+        lambda group: unpack_batch(files, group),
+        lambda batch: _take(files, batch, wanted),
+    )
+    for left in batches:
+        for chunk, error in left:
             _leave_out(container, chunk, error)
 
 
-def _take(batch: Batch, wanted: Mapping[int, Collector]) -> list[tuple[Chunk, DamagedError]]:
-    """Take a batch apart, all of it or nothing; of one that fails each chunk alone, and return those that are left."""
-    marks = {channel: wanted[channel].mark() for channel in batch.offsets}
+def _take(files: RunFiles, batch: Batch, wanted: Mapping[int, Collector]) -> list[tuple[Chunk, DamagedError]]:
+    """Take a batch apart, all of it or nothing; of one that fails each chunk alone. Return the chunks left out."""
+    marks = [(collector, collector.mark()) for collector in wanted.values()]
     try:
-        for channel, offsets in batch.offsets.items():
+        for channel, offsets in find_messages(files, batch, wanted).items():
             if len(offsets):
                 wanted[channel].take(batch.data, offsets)
     except DamagedError as error:
-        for channel, mark in marks.items():
-            wanted[channel].return_to(mark)
+        for collector, mark in marks:
+            collector.return_to(mark)
         if len(batch.chunks) == 1:
-            return [(batch.chunks[0], error)]
-        return [left for part in batch.split() for left in _take(part, wanted)]
-    return []
+            return [*batch.damaged, (batch.chunks[0], error)]
+        return [*batch.damaged, *(left for part in batch.split() for left in _take(files, part, wanted))]
+    return [*batch.damaged]
 
 
 def _leave_out(container: Container, chunk: Chunk, error: DamagedError) -> None:
     container.chunks.remove(chunk)
-    damage = f"{describe_chunk(chunk, container.channels)}: {error}"
+    damage = f"{describe_chunk(chunk, container)}: {error}"
     container.note_damage(chunk.offset, damage)
     _log.warning("damaged: %s", damage)
 
@@ -180,22 +158,22 @@ def _trim(topic: str, arrays: dict[str, Array], span: Span) -> dict[str, Array]:
     return trimmed | {"offsets": np.concatenate([[0], np.cumsum(n_points[kept])])}
 
 
-def read_messages(path: Path, container: Container, topics: Iterable[str]) -> list[Message]:
+def read_messages(paths: Sequence[Path], container: Container, topics: Iterable[str]) -> list[Message]:
     """Read the messages of `topics` as they stand in the file, and in its order; damaged chunks are left out."""
     names = {key: channel.topic for key, channel in container.channels.items() if channel.topic in set(topics)}
     messages: list[Message] = []
-    with opened(path) as descriptor:
+    with opened(*paths) as files:
         for chunk in container.chunks:
             try:
-                messages.extend(_messages_of(descriptor, chunk, names))
+                messages.extend(_messages_of(files, chunk, names))
             except DamagedError as error:
                 _log.warning("damaged chunk at byte %d: %s", chunk.offset, error)
     return messages
 
 
-def _messages_of(descriptor: int, chunk: Chunk, names: Mapping[int, str]) -> list[Message]:
-    data = read_chunk(descriptor, chunk)
-    channels = read_offsets(descriptor, chunk, data, names).items()
+def _messages_of(files: RunFiles, chunk: Chunk, names: Mapping[int, str]) -> list[Message]:
+    data = read_chunk(files, chunk)
+    channels = read_offsets(files, chunk, data, names).items()
     places = sorted((offset, names[key]) for key, offsets in channels for offset in offsets.tolist())
     return [Message(topic, *read_message(data, offset)) for offset, topic in places]
 

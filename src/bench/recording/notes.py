@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import struct
 from io import BytesIO
 
@@ -12,11 +11,12 @@ from mcap.exceptions import McapError
 
 from bench.recording.container import ATTACHMENT, HEAD, LARGEST_NOTE, METADATA, Container, DamagedError, Note
 from bench.recording.ending import encode_records
+from bench.recording.files import RunFiles
 
 __all__ = ["find_attachment", "read_note"]
 
 
-def read_note(descriptor: int, note: Note) -> records.Metadata | records.Attachment:
+def read_note(file: RunFiles, note: Note) -> records.Metadata | records.Attachment:
     """Read a note of metadata or an attachment.
 
     Raises
@@ -26,7 +26,7 @@ def read_note(descriptor: int, note: Note) -> records.Metadata | records.Attachm
     """
     if note.end - note.start > LARGEST_NOTE:
         raise DamagedError(f"it is larger than {LARGEST_NOTE} bytes")
-    body = os.pread(descriptor, note.end - note.start - HEAD.size, note.start + HEAD.size)
+    body = file.pread(note.end - note.start - HEAD.size, note.start + HEAD.size, note.part)
     stream = ReadDataStream(BytesIO(body))
     record: records.Metadata | records.Attachment
     try:
@@ -38,12 +38,12 @@ def read_note(descriptor: int, note: Note) -> records.Metadata | records.Attachm
     return record
 
 
-def find_attachment(descriptor: int, container: Container, name: str) -> bytes | None:
+def find_attachment(file: RunFiles, container: Container, name: str) -> bytes | None:
     """Return the content of the first sound attachment of this name; None without one."""
     for note in container.notes:
         if note.opcode == ATTACHMENT:
             try:
-                record = read_note(descriptor, note)
+                record = read_note(file, note)
             except DamagedError:
                 continue
             if isinstance(record, records.Attachment) and record.name == name:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 
-__all__ = ["OutputFile", "active_path", "explain_os_error", "explained", "rename_new"]
+__all__ = ["OutputFile", "active_path", "explain_os_error", "explained", "rename_new", "verify_absent"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -49,14 +49,15 @@ class OutputFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.active = active_path(path)
+        self._is_published = False
         with explained(path):
             _make_folder(path)
-            _verify_absent(path)
-            _verify_absent(self.active)
+            verify_absent(path)
+            verify_absent(self.active)
             try:
                 self.stream = self.active.open("xb")
             except FileExistsError:
-                _verify_absent(self.active)
+                verify_absent(self.active)
                 raise
 
     def sync(self) -> None:
@@ -102,7 +103,7 @@ class OutputFile:
         """Close and delete: for a recording that never began."""
         self.close()
         with suppress(OSError):
-            self.active.unlink()
+            (self.path if self._is_published else self.active).unlink()
 
     def publish(self) -> None:
         """Give the synced file its final name.
@@ -119,6 +120,7 @@ class OutputFile:
             rename_new(self.active, self.path)
         except FileExistsError as error:
             raise _taken(self.path, f"The recording is complete in {self.active}.") from error
+        self._is_published = True
         self.sync_folder()
 
 
@@ -145,13 +147,14 @@ def _make_folder(path: Path) -> None:
         ) from error
 
 
-def _verify_absent(path: Path) -> None:
+def verify_absent(path: Path, why: str = "") -> None:
+    """Raise `RecordingExistsError` if there is anything called `path`."""
     if os.path.lexists(path):
         unfinished = path.name.endswith(".active")
-        hint = (
+        before = (
             "It is being written, or was left by a run that broke off; it can be read as it is. " if unfinished else ""
         )
-        raise _taken(path, hint + "Choose another --output, or move the old file away.")
+        raise _taken(path, f"{before}{why}Choose another --output, or move the old file away.")
 
 
 def _taken(path: Path, hint: str) -> RecordingExistsError:

@@ -1,4 +1,4 @@
-"""A run file as numpy columns. Finished, unfinished and damaged files are read alike; the status says which it is.
+"""A run as numpy columns. Finished, unfinished and damaged files are read alike; the status says which it is.
 
 Opening reads the record headers only. A topic is read when it is first asked for, and kept; as every chunk holds
 every topic, asking for several topics at once with `Run.load` unpacks the file only once for all of them.
@@ -7,28 +7,27 @@ every topic, asking for several topics at once with `Run.load` unpacks the file 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, fields, replace
-from datetime import UTC, datetime
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, replace
 from functools import cached_property
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from bench.config import Config, parse_config
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
 from bench.recording.columns import Columns
 from bench.recording.container import Container, DamagedError
-from bench.recording.loading import Span, opened, read_messages, read_topics, split_spans
+from bench.recording.files import RunFiles, opened
+from bench.recording.joining import find_parts, join_parts
+from bench.recording.loading import Span, read_messages, read_topics, split_spans
 from bench.recording.notes import find_attachment
+from bench.recording.part_names import FIRST_NUMBER, PART, read_number
 from bench.recording.scanning import scan_container
+from bench.recording.status import PartFacts, RunStatus, count_by_topic, describe_status, list_facts
 from bench.recording.topics import BODIES, FRAME, POINTS, STATS, Message
 
-__all__ = ["Run", "RunStatus", "open_run"]
+__all__ = ["Run", "open_run"]
 
-SALVAGE = "bench.salvage"
-"""Metadata of a file that was salvaged: what was lost."""
-LAST_SECOND = "what was received in about the last second before the recording broke off"
 LAST_NS = Span().end_ns
 PART_BYTES = 64 << 20
 """Some minutes of an ordinary run: enough that the work is not in the parts' edges, little beside any memory."""
@@ -37,27 +36,11 @@ _NOT_TOLD = -1
 """Of what an older file does not say."""
 
 
-@dataclass(frozen=True, slots=True)
-class RunStatus:
-    """How much of a run is in its file."""
-
-    complete: bool
-    """The file was closed by its recorder and every part that was read is undamaged."""
-    text: str
-    """One sentence for people."""
-    lost: str
-    """What is missing, in words; empty if nothing is. (What was dropped while recording is in `Run.totals`.)"""
-    bytes_read: int
-    """Bytes that could be understood, from the start."""
-    bytes_total: int
-    """Size of the file."""
-
-    def __str__(self) -> str:
-        return self.text
-
-
 def open_run(path: str | Path) -> Run:
     """Open a run file: ``x.mcap``, or the ``x.mcap.active`` of a recording that was not closed.
+
+    A run that was split by size is opened by its first part, and read with all parts that are beside it. A later part
+    opened by its own name is read alone.
 
     Raises
     ------
@@ -67,8 +50,8 @@ def open_run(path: str | Path) -> Run:
         It ends before anything could be read from it.
     """
     path = Path(path)
-    with opened(path) as descriptor:
-        container = _scan(descriptor, path)
+    with opened(path) as file:
+        container = _scan(file, path)
     if "bench.run" not in container.metadata:
         if container.finished:
             raise RecordingError(
@@ -76,21 +59,26 @@ def open_run(path: str | Path) -> Run:
                 hint="Another program wrote it: open it there. Takes come in by `bench import`, as CSV, C3D or TRC.",
             )
         raise RecordingUnfinishedError(f"{path} holds nothing that can be read: {container.problem}.")
-    _drop_broken_notes(container)
-    return Run(path, container)
+    if read_number(container.metadata) != FIRST_NUMBER:
+        _drop_broken_notes(container)
+        return Run([path], container)
+    found = find_parts(path, container)
+    for part in found.parts:
+        _drop_broken_notes(part.container)
+    return Run(found.paths, join_parts(found))
 
 
-def _scan(descriptor: int, path: Path) -> Container:
-    if os.fstat(descriptor).st_size == 0:
+def _scan(file: RunFiles, path: Path) -> Container:
+    if file.size() == 0:
         raise RecordingUnfinishedError(f"{path} is empty.", hint="The recording ended before it began.")
     try:
-        return scan_container(descriptor)
+        return scan_container(file)
     except DamagedError as error:
         raise RecordingError(f"{path} {error}.", hint="`bench import` takes CSV, C3D and TRC files.") from error
 
 
 class Run:
-    """One run file. Made by `open_run`; safe to keep, as no file stays open.
+    """One run. Made by `open_run`; safe to keep, as no file stays open.
 
     Examples
     --------
@@ -99,9 +87,10 @@ class Run:
     (250000, 6)
     """
 
-    def __init__(self, path: Path, container: Container) -> None:
-        self.path = path
-        """Where the file is."""
+    def __init__(self, paths: Sequence[Path], container: Container) -> None:
+        self.path = paths[0]
+        """Where the file is, or the first of its parts."""
+        self._paths = tuple(paths)
         self.metadata: dict[str, dict[str, str]] = container.metadata
         """Metadata records by name; of two with one name, the later one's values count."""
         self._container = container
@@ -110,12 +99,17 @@ class Run:
     @property
     def status(self) -> RunStatus:
         """How much of the run is in its file. Damage inside a chunk is found when a topic is read."""
-        return _describe_status(self._container, self.exit_status)
+        return describe_status(self._container, self.exit_status)
+
+    @property
+    def parts(self) -> list[PartFacts]:
+        """The files it is in, in order, and how much is in each: several where it was split by size."""
+        return list_facts(self._paths, self._container)
 
     @property
     def topics(self) -> dict[str, int]:
         """Messages by topic, of the chunks that can be read."""
-        return _count_by_topic(self._container)
+        return count_by_topic(self._container)
 
     @cached_property
     def config(self) -> Config:
@@ -131,6 +125,16 @@ class Run:
     def run_id(self) -> str:
         """Unique name of the run."""
         return self.metadata["bench.run"].get("run_id", "")
+
+    @property
+    def part_number(self) -> int:
+        """Which part of its run this file is: 1, unless a later part of a run that was split was opened by its name."""
+        return read_number(self.metadata)
+
+    @property
+    def first_part(self) -> str:
+        """Name of the file in which the run begins, as it was recorded."""
+        return PurePath(self.metadata.get(PART, {}).get("first", self.path.name)).name
 
     @property
     def versions(self) -> dict[str, str]:
@@ -176,14 +180,14 @@ class Run:
         """
         empty = replace(self._container, chunks=[])
         edge = next(self._read_by_chunk(topic, backwards=last), None)
-        return edge if edge is not None else read_topics(self.path, empty, [topic])[topic]
+        return edge if edge is not None else read_topics(self._paths, empty, [topic])[topic]
 
     def _read_by_chunk(self, topic: str, *, backwards: bool) -> Iterator[Columns]:
         ids = {key for key, channel in self._container.channels.items() if channel.topic == topic}
         chunks = [chunk for chunk in self._container.chunks if not ids.isdisjoint(chunk.counts)]
         for chunk in reversed(chunks) if backwards else chunks:
             part = replace(self._container, chunks=[chunk])
-            columns = read_topics(self.path, part, [topic])[topic]
+            columns = read_topics(self._paths, part, [topic])[topic]
             if part.chunks:  # undamaged
                 yield columns
 
@@ -206,7 +210,7 @@ class Run:
             missing = list(dict.fromkeys([FRAME, *missing]))
         if missing:
             frames = self._loaded.get(FRAME)
-            self._loaded |= read_topics(self.path, self._container, missing, frames)
+            self._loaded |= read_topics(self._paths, self._container, missing, frames)
 
     def read(self, topics: Iterable[str], start_ns: int = 0, end_ns: int = LAST_NS) -> dict[str, Columns]:
         """Read what arrived from `start_ns` on and before `end_ns`, by topic, and keep nothing of it here.
@@ -226,7 +230,7 @@ class Run:
         """
         wanted = list(dict.fromkeys(topics))
         added = [] if {POINTS, BODIES}.isdisjoint(wanted) else [FRAME]
-        found = read_topics(self.path, self._container, dict.fromkeys([*added, *wanted]), span=Span(start_ns, end_ns))
+        found = read_topics(self._paths, self._container, dict.fromkeys([*added, *wanted]), span=Span(start_ns, end_ns))
         return {topic: found[topic] for topic in wanted}
 
     def stream(self, topics: Iterable[str], part_bytes: int = PART_BYTES) -> Iterator[dict[str, Columns]]:
@@ -255,8 +259,8 @@ class Run:
         RecordingError
             There is none of this name, or it is damaged.
         """
-        with opened(self.path) as descriptor:
-            content = find_attachment(descriptor, self._container, name)
+        with opened(*self._paths) as files:
+            content = find_attachment(files, self._container, name)
         if content is None:
             raise RecordingError(f"{self.path} has no attachment '{name}' that is undamaged.")
         return content
@@ -266,7 +270,7 @@ class Run:
 
         Meant for parts of a file: all of them are in memory at once. Damaged chunks are left out.
         """
-        return read_messages(self.path, self._container, topics)
+        return read_messages(self._paths, self._container, topics)
 
 
 def _drop_broken_notes(container: Container) -> None:
@@ -280,16 +284,6 @@ def _drop_broken_notes(container: Container) -> None:
         except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
             del container.metadata[name]
             container.damage.append(f"the metadata '{name}' cannot be understood: {error}")
-
-
-def _count_by_topic(container: Container) -> dict[str, int]:
-    counts: dict[str, int] = {}
-    for chunk in container.chunks:
-        for channel_id, n in chunk.counts.items():
-            if channel_id in container.channels:
-                topic = container.channels[channel_id].topic
-                counts[topic] = counts.get(topic, 0) + n
-    return counts
 
 
 def _read_device(values: Mapping[str, str]) -> DeviceInfo:
@@ -335,37 +329,3 @@ def _last_stats(parts: Iterable[Columns]) -> dict[str, RecorderStats]:
                 return found
             found.setdefault(stats.topic, stats)
     return found
-
-
-def _describe_status(container: Container, exit_status: str) -> RunStatus:
-    salvaged = container.metadata.get(SALVAGE, {}).get("lost", "")
-    lost = [*filter(None, [salvaged]), *container.damage, *_describe_missing_end(container)]
-    n_messages = sum(_count_by_topic(container).values())
-    read = f"{n_messages} messages{_describe_end(container)}"
-    if container.finished and container.damage:
-        text = f"damaged: {read} could be read"
-    elif container.finished:
-        text = f"{'salvaged' if salvaged else 'complete'}: {read}, exit status {exit_status}"
-    else:
-        text = f"unfinished: {read} were read, then {container.problem}"
-    return RunStatus(not lost, text, "; ".join(lost), container.end, container.size)
-
-
-def _describe_missing_end(container: Container) -> list[str]:
-    if container.finished:
-        return []
-    if "bench.end" in container.metadata:  # written after the last chunk
-        return ["only the file's summary, every record is there"]
-    unread = container.size - container.end
-    rest = f"{unread} bytes from byte {container.end} on and " if unread else ""
-    return [rest + LAST_SECOND]
-
-
-def _describe_end(container: Container) -> str:
-    if not container.chunks:
-        return ""
-    last = max(chunk.end_ns for chunk in container.chunks)
-    try:
-        return f" up to {datetime.fromtimestamp(last * 1e-9, tz=UTC):%Y-%m-%d %H:%M:%S} UTC"
-    except (ValueError, OverflowError, OSError):  # a damaged time
-        return ""

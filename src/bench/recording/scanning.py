@@ -6,7 +6,6 @@ outside of chunks, as other programs may write them, are taken as chunks that ar
 
 from __future__ import annotations
 
-import os
 import re
 import struct
 import zlib
@@ -36,6 +35,7 @@ from bench.recording.container import (
     Note,
     describe_chunk,
 )
+from bench.recording.files import RunFiles
 
 __all__ = ["scan_container", "scan_further"]
 
@@ -56,7 +56,7 @@ _LARGEST_HEAD = 96  # bytes: more than the head of any chunk
 _COMPRESSION = re.compile(rb"\x03\0\0\0lz4|\x04\0\0\0zstd")
 
 
-def scan_container(descriptor: int) -> Container:
+def scan_container(file: RunFiles) -> Container:
     """Pass over an open file.
 
     Raises
@@ -64,26 +64,26 @@ def scan_container(descriptor: int) -> Container:
     DamagedError
         The file does not begin as an MCAP file does.
     """
-    found = Container(size=os.fstat(descriptor).st_size, end=len(MAGIC))
-    if os.pread(descriptor, len(MAGIC), 0) != MAGIC:
-        if _find_chunk(descriptor, len(MAGIC), min(found.size, SEARCH_BYTES)) is None:
+    found = Container(size=file.size(), end=len(MAGIC))
+    if file.pread(len(MAGIC), 0) != MAGIC:
+        if _find_chunk(file, len(MAGIC), min(found.size, SEARCH_BYTES)) is None:
             raise DamagedError("is not an MCAP file")
         found.note_damage(0, "the opening bytes are wrong")
-    scan_further(descriptor, found)
+    scan_further(file, found)
     return found
 
 
-def scan_further(descriptor: int, found: Container) -> None:
+def scan_further(file: RunFiles, found: Container) -> None:
     """Go on where an earlier pass over the same file ended, for it has grown since: note what was added."""
     if found.finished:
         return
-    found.size, found.problem = os.fstat(descriptor).st_size, ""
+    found.size, found.problem = file.size(), ""
     n_known, offset = len(found.chunks), found.end
     while not found.finished:
         try:
-            length = _scan_record(descriptor, offset, found)
+            length = _scan_record(file, offset, found)
         except DamagedError as error:
-            next_chunk = _find_chunk(descriptor, offset + 1, found.size)
+            next_chunk = _find_chunk(file, offset + 1, found.size)
             if next_chunk is None:
                 found.problem = str(error)
                 break
@@ -92,7 +92,7 @@ def scan_further(descriptor: int, found: Container) -> None:
             offset = next_chunk
         else:
             offset += HEAD.size + length
-    if found.finished and os.pread(descriptor, len(MAGIC), offset) != MAGIC:
+    if found.finished and file.pread(len(MAGIC), offset) != MAGIC:
         found.finished, found.problem = False, f"the closing bytes are missing at byte {offset}"
     found.end = offset + (len(MAGIC) if found.finished else 0)
     if not found.finished and len(found.chunks) > n_known:
@@ -100,12 +100,12 @@ def scan_further(descriptor: int, found: Container) -> None:
         found.chunks[-1].index.clear()
         found.chunks[-1].counts.clear()
         found.current = None
-    found.chunks[n_known:] = [chunk for chunk in found.chunks[n_known:] if _is_understood(descriptor, chunk, found)]
+    found.chunks[n_known:] = [chunk for chunk in found.chunks[n_known:] if _is_understood(file, chunk, found)]
 
 
-def _scan_record(descriptor: int, offset: int, found: Container) -> int:
+def _scan_record(file: RunFiles, offset: int, found: Container) -> int:
     """Note one record and return its length."""
-    head = os.pread(descriptor, _LARGEST_HEAD, offset)
+    head = file.pread(_LARGEST_HEAD, offset)
     if len(head) < HEAD.size:
         raise DamagedError(f"the file ends at byte {found.size}, before its footer")
     opcode, length = HEAD.unpack_from(head)
@@ -117,66 +117,66 @@ def _scan_record(descriptor: int, offset: int, found: Container) -> int:
     if opcode == _CHUNK:
         _note_chunk(head[HEAD.size :], body, length, found)
     elif opcode == MESSAGE_INDEX:
-        _note_index(descriptor, head[HEAD.size :], body, length, found)
+        _note_index(file, head[HEAD.size :], body, length, found)
     elif opcode == MESSAGE:
         _note_loose_message(head[HEAD.size :], offset, HEAD.size + length, found)
     elif opcode in {SCHEMA, CHANNEL, METADATA, ATTACHMENT}:
-        _note_record(descriptor, Note(opcode, offset, offset + HEAD.size + length), found)
+        _note_record(file, Note(opcode, offset, offset + HEAD.size + length), found)
     elif opcode == _FOOTER:
-        _end_summary(descriptor, offset, head[HEAD.size :], found)
+        _end_summary(file, offset, head[HEAD.size :], found)
     elif opcode >= _PRIVATE:
         _distrust_index(found)  # it may be a part of the index whose kind is damaged
     found.data_ended |= opcode == _DATA_END
     return int(length)
 
 
-def _find_chunk(descriptor: int, start: int, size: int) -> int | None:
+def _find_chunk(file: RunFiles, start: int, size: int) -> int | None:
     """Return where the next undamaged chunk begins: what stands behind a damaged length is not lost with it."""
     name_at = HEAD.size + _CHUNK_HEAD.size - 4
     for base in range(start + name_at, size, SEARCH_BYTES):
-        block = os.pread(descriptor, SEARCH_BYTES + 8, base)
+        block = file.pread(SEARCH_BYTES + 8, base)
         for match in _COMPRESSION.finditer(block):
             offset = base + match.start() - name_at
-            if match.start() < SEARCH_BYTES and _begins_chunk(descriptor, offset, size):
+            if match.start() < SEARCH_BYTES and _begins_chunk(file, offset, size):
                 return offset
     return None
 
 
-def _begins_chunk(descriptor: int, offset: int, size: int) -> bool:
-    head = os.pread(descriptor, _LARGEST_HEAD, offset)
+def _begins_chunk(file: RunFiles, offset: int, size: int) -> bool:
+    head = file.pread(_LARGEST_HEAD, offset)
     opcode, length = HEAD.unpack_from(head)
     if opcode != _CHUNK or offset + HEAD.size + length > size:
         return False
     trial = Container(size)
     _note_chunk(head[HEAD.size :], offset + HEAD.size, length, trial)
     try:
-        return trial.current is not None and len(read_chunk(descriptor, trial.current)) > 0
+        return trial.current is not None and len(read_chunk(file, trial.current)) > 0
     except DamagedError:
         return False
 
 
-def _note_record(descriptor: int, note: Note, found: Container) -> None:
+def _note_record(file: RunFiles, note: Note, found: Container) -> None:
     if len(found.notes) >= MOST_NOTES:
         raise DamagedError(f"more than {MOST_NOTES} records stand outside of chunks")
     found.notes.append(note)
     if note.opcode == ATTACHMENT:
         return
     start = note.start + HEAD.size
-    body = _read_note(descriptor, start, note.end - start)
+    body = _read_note(file, start, note.end - start)
     if found.data_ended:
         found.repeated.append((note, body))
     else:
         _note_definition(note.opcode, start, body, found)
 
 
-def _end_summary(descriptor: int, offset: int, footer: bytes, found: Container) -> None:
+def _end_summary(file: RunFiles, offset: int, footer: bytes, found: Container) -> None:
     """Believe what the summary repeats if its checksum is right; otherwise it is read from the chunks."""
     found.finished = True
     if len(footer) < _FOOTER_BODY.size:
         return
     start, _, checksum = _FOOTER_BODY.unpack_from(footer)
     size = offset + HEAD.size + _FOOTER_BODY.size - 4 - start
-    if checksum and not (0 < size <= LARGEST_CHUNK and zlib.crc32(os.pread(descriptor, size, start)) == checksum):
+    if checksum and not (0 < size <= LARGEST_CHUNK and zlib.crc32(file.pread(size, start)) == checksum):
         return
     for note, body in found.repeated:
         _note_definition(note.opcode, note.start, body, found)
@@ -213,7 +213,7 @@ def _note_loose_message(head: bytes, offset: int, size: int, found: Container) -
     last.start_ns, last.end_ns = min(last.start_ns, log_time_ns), max(last.end_ns, log_time_ns)
 
 
-def _note_index(descriptor: int, head: bytes, body: int, length: int, found: Container) -> None:
+def _note_index(file: RunFiles, head: bytes, body: int, length: int, found: Container) -> None:
     chunk = found.current
     if length < INDEX_HEAD.size or chunk is None:
         return
@@ -224,7 +224,7 @@ def _note_index(descriptor: int, head: bytes, body: int, length: int, found: Con
     chunk.index[channel] = (body + INDEX_HEAD.size, size // 16)
     chunk.counts[channel] = size // 16
     if size:
-        first, last = head[INDEX_HEAD.size :][:8], os.pread(descriptor, 8, body + length - 16)
+        first, last = head[INDEX_HEAD.size :][:8], file.pread(8, body + length - 16)
         times = [int.from_bytes(entry, "little") for entry in (first, last)]
         chunk.is_dated &= all(chunk.start_ns <= time_ns <= chunk.end_ns for time_ns in times)
 
@@ -237,10 +237,10 @@ def _distrust_index(found: Container) -> None:
         found.current = None
 
 
-def _read_note(descriptor: int, body: int, length: int) -> bytes:
+def _read_note(file: RunFiles, body: int, length: int) -> bytes:
     if length > LARGEST_NOTE:
         raise DamagedError(f"the record at byte {body} has an impossible length of {length}")
-    return os.pread(descriptor, length, body)
+    return file.pread(length, body)
 
 
 def _note_definition(opcode: int, offset: int, body: bytes, found: Container) -> None:
@@ -267,12 +267,12 @@ def _note_channel(channel: records.Channel, found: Container) -> None:
     )
 
 
-def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
+def _is_understood(file: RunFiles, chunk: Chunk, found: Container) -> bool:
     """Look into a chunk only where its index does not already say what is in it."""
     if chunk.index and chunk.is_dated and all(channel in found.channels for channel in chunk.index):
         return True
     try:
-        data = read_chunk(descriptor, chunk)
+        data = read_chunk(file, chunk)
         for opcode, start, end in walk_records(data):
             if opcode in {SCHEMA, CHANNEL}:
                 _note_definition(opcode, chunk.offset, bytes(data[start:end]), found)
@@ -284,7 +284,7 @@ def _is_understood(descriptor: int, chunk: Chunk, found: Container) -> bool:
             chunk.index.clear()
             chunk.counts = counts
     except DamagedError as error:
-        found.note_damage(chunk.offset, f"{describe_chunk(chunk, found.channels)}: {error}")
+        found.note_damage(chunk.offset, f"{describe_chunk(chunk, found)}: {error}")
         return False
     return True
 

@@ -14,23 +14,18 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
-
-from mcap.writer import CompressionType, Writer
 
 from bench.errors import BenchError, RecordingError
-from bench.model import DeviceInfo, Record, RecorderStats
+from bench.model import DeviceInfo, LogEntry, Record, RecorderStats, Severity
 from bench.recording.counts import Counts
-from bench.recording.descriptions import describe_device, describe_end, describe_run
-from bench.recording.output import OutputFile, explain_os_error
-from bench.recording.schemas import load_schema
+from bench.recording.descriptions import describe_counts, describe_device, describe_end, describe_run
+from bench.recording.output import explain_os_error
+from bench.recording.part_sequence import PartSequence
+from bench.recording.part_writing import FORMAT_VERSION, Attachment
 from bench.recording.topics import TOPICS, Message, encode_record
 from bench.timing import Clock, patience_ns
 
-__all__ = ["FORMAT_VERSION", "RunWriter"]
-
-FORMAT_VERSION = "1"
-"""Of the run file as a whole: topics, metadata, meanings. The message definitions travel in the file itself."""
+__all__ = ["RunWriter"]
 
 DRAIN_S = 0.02
 """How often the queue is emptied: 17 records at 860 a second, and no measurable effect on the reader threads."""
@@ -41,19 +36,18 @@ BATCH = 1000
 """Records between two looks at the clock (10 to 30 ms of writing): a long queue must not put off the sync."""
 CHUNK_BYTES = 1 << 20
 """Chunks end here if the second does not end them first: LZ4 gains nothing from more."""
-_NEVER = 1 << 62
 _LAST_NS = (1 << 64) - 1
 
 _log = logging.getLogger(__name__)
 
 
 class RunWriter:
-    """Writes one run file.
+    """Writes one run: one file, or parts of it that follow each other.
 
     Parameters
     ----------
     path : Path
-        The run file, ``x.mcap``; until `close` it is called ``x.mcap.active``.
+        The run file, ``x.mcap``; until `close` it is called ``x.mcap.active``. Further parts are ``x.2.mcap``, ….
     clock : Clock
         Host time of the run.
     config_toml : str
@@ -70,11 +64,13 @@ class RunWriter:
         Called once, from the writer thread, when the file cannot be written any more.
     queue_limit : int, optional
         Records that may wait: 200 000 is minutes at 860 records a second, and about 300 MB.
+    split_bytes : int, optional
+        Size from which on the run goes on in the next part; 0: never.
 
     Raises
     ------
     RecordingExistsError
-        `path` or its active name exists.
+        `path` or its active name exists, or that of a later part where it is split.
     RecordingError
         The folder or the file cannot be written.
     """
@@ -91,9 +87,12 @@ class RunWriter:
         attachments: Mapping[str, str | bytes] | None = None,
         on_failure: Callable[[BenchError], None] | None = None,
         queue_limit: int = 200_000,
+        split_bytes: int = 0,
     ) -> None:
         self.failure: BenchError | None = None
         """Why the file cannot be written any more, or None."""
+        self.warnings: list[str] = []
+        """What did not go as it should, and cost no record."""
         self._clock = clock
         self._on_failure = on_failure
         self._queue: deque[Record] = deque()
@@ -102,25 +101,16 @@ class RunWriter:
         self._counts = Counts(TOPICS)
         self._refused: set[type] = set()
         self._chunk_bytes = 0
-        self._bytes_written = 0
         self._accepting = True
         self._published = False
         self._stopping = threading.Event()
         self._closing = threading.Lock()
-        self._file = OutputFile(Path(path))
-        try:
-            self._mcap = self._open_mcap()
-            run = describe_run(run_id, FORMAT_VERSION, clock, versions)
-            self._write_opening({"bench.run": run, "bench.config": {"toml": config_toml}} | dict(extra or {}))
-            self._attach({"config.toml": config_toml} | dict(attachments or {}))
-            self._mcap.flush()
-            self._file.sync()
-            self._file.sync_folder()
-        except Exception as error:
-            self._file.discard()
-            if isinstance(error, OSError):
-                raise explain_os_error(error, self._file.path) from error
-            raise
+        run = describe_run(run_id, FORMAT_VERSION, clock, versions)
+        notes = {"bench.run": run, "bench.config": {"toml": config_toml}} | dict(extra or {})
+        texts = {"config.toml": config_toml} | dict(attachments or {})
+        now = _clamp_ns(clock.now_ns())
+        attached = [Attachment(now, name, text) for name, text in texts.items()]
+        self._parts = PartSequence(Path(path), split_bytes, notes, attached)
         self._next_sync_ns = clock.now_ns() + patience_ns(clock, SYNC_S)
         self._thread = threading.Thread(target=self._write_until_stopped, name="recorder", daemon=True)
         self._thread.start()
@@ -175,13 +165,18 @@ class RunWriter:
 
     @property
     def bytes_written(self) -> int:
-        """Size of the file so far."""
-        return self._bytes_written
+        """Size of the file so far, of all its parts together."""
+        return self._parts.size
+
+    @property
+    def paths(self) -> list[Path]:
+        """The final names of the files so far, in order."""
+        return self._parts.paths
 
     @property
     def free_bytes(self) -> int:
         """Bytes that the file's disk can still take; `RecordingError` if the disk is gone."""
-        return self._file.free_bytes()
+        return self._parts.free_bytes()
 
     def close(self, *, exit_status: str, reason: str) -> Path:
         """Write what waits and the totals, make the file durable and give it its final name.
@@ -191,7 +186,7 @@ class RunWriter:
         Returns
         -------
         Path
-            The finished run file.
+            The finished run file, or its first part.
 
         Raises
         ------
@@ -207,10 +202,10 @@ class RunWriter:
             if self.failure is None and not self._published:
                 self._guard(lambda: self._finish(exit_status, reason))
             self._drop_queue()
-            self._file.close()
+            self._parts.close()
             if self.failure is not None:
                 raise self.failure
-            return self._file.path
+            return self._parts.paths[0]
 
     def discard(self) -> None:
         """End without a run file: nothing was driven, so there is nothing to keep. Instead of `close`."""
@@ -219,31 +214,7 @@ class RunWriter:
             self._stopping.set()
             self._thread.join()
             self._drop_queue()
-            self._file.discard()
-
-    def _open_mcap(self) -> Any:
-        # chunks end between records, never inside one: a frame's points and its description cannot be parted
-        writer: Any = Writer(self._file.stream, chunk_size=_NEVER, compression=CompressionType.LZ4)
-        writer.start(profile="ros2", library=f"bench recording {FORMAT_VERSION}")
-        self._channels: dict[str, int] = {}
-        for topic in TOPICS.values():
-            schema_id = writer.register_schema(topic.schema, "ros2msg", load_schema(topic.schema).text.encode())
-            self._channels[topic.name] = writer.register_channel(topic.name, "cdr", schema_id)
-        return writer
-
-    def _write_opening(self, notes: Mapping[str, Mapping[str, str]]) -> None:
-        # the channels repeat what stands in the first chunk, so that losing that does not make the others unreadable
-        channels = {"bench.channels": {str(key): topic for topic, key in self._channels.items()}}
-        for name, values in (channels | dict(notes)).items():
-            self._mcap.add_metadata(name, dict(values))
-
-    def _attach(self, contents: Mapping[str, str | bytes]) -> None:
-        now = _clamp_ns(self._clock.now_ns())
-        for name, content in contents.items():
-            if isinstance(content, str):
-                self._mcap.add_attachment(now, now, name, "application/toml", content.encode())
-            else:
-                self._mcap.add_attachment(now, now, name, "application/octet-stream", content)
+            self._parts.discard()
 
     # the writer thread, and after it has ended the thread that closes
 
@@ -257,15 +228,13 @@ class RunWriter:
     def _write_pending(self) -> None:
         self._drain()
         self._sync_if_due()
+        self._parts.verify_ending()
 
     def _finish(self, exit_status: str, reason: str) -> None:
         self._drain()
+        self._parts.split_no_more()
         self._sync()
-        self._mcap.add_metadata("bench.end", describe_end(exit_status, reason, self._clock.now_ns(), self._counts))
-        self._mcap.finish()
-        self._file.sync()
-        self._bytes_written = self._file.stream.tell()
-        self._file.publish()
+        self._parts.finish(describe_end(exit_status, reason, self._clock.now_ns(), self._counts))
         self._published = True
 
     def _drain(self) -> None:
@@ -274,12 +243,14 @@ class RunWriter:
             self._counts.see_queue(waiting)
             for _ in range(min(waiting, BATCH)):
                 self._write(self._queue.popleft())
+                if self._parts.is_full:
+                    self._sync()
             self._sync_if_due()
         self._write_notes()
 
     def _write_notes(self) -> None:
         while self._notes:
-            self._mcap.add_metadata(*self._notes.popleft())
+            self._parts.add_metadata(*self._notes.popleft())
 
     def _write(self, record: Record) -> None:
         try:
@@ -297,9 +268,7 @@ class RunWriter:
         topic, log_time_ns, publish_time_ns, sequence, payload = message
         count = self._counts.write(topic)
         number = (count if sequence is None else sequence) & 0xFFFFFFFF
-        self._mcap.add_message(
-            self._channels[topic], _clamp_ns(log_time_ns), payload, _clamp_ns(publish_time_ns), number
-        )
+        self._parts.add_message(topic, _clamp_ns(log_time_ns), payload, _clamp_ns(publish_time_ns), number)
         self._chunk_bytes += len(payload) + 31  # an MCAP message's own header
 
     def _report_refused(self, record: Record, error: Exception) -> None:
@@ -308,9 +277,8 @@ class RunWriter:
             _log.error("a %s cannot be recorded and is dropped: %r", type(record).__name__, error)
 
     def _end_chunk(self) -> None:
-        self._mcap.flush()
+        self._parts.end_chunk()
         self._chunk_bytes = 0
-        self._bytes_written = self._file.stream.tell()
 
     def _sync_if_due(self) -> None:
         if self._clock.now_ns() >= self._next_sync_ns:
@@ -323,22 +291,35 @@ class RunWriter:
                 self._write(stats)
         begin = self._clock.now_ns()
         self._end_chunk()
-        self._file.sync()
+        self._parts.sync()
         end = self._clock.now_ns()
         self._counts.confirm((end - begin) * 1e-6 / self._clock.speed)
         self._next_sync_ns = now + patience_ns(self._clock, SYNC_S)
+        if self._parts.is_full:
+            self._go_on_in_next_part()
+
+    def _go_on_in_next_part(self) -> None:
+        totals = describe_counts(self._clock.now_ns(), self._counts)
+        if trouble := self._parts.go_on(totals, self._counts.n_written):
+            self._warn(trouble)
+
+    def _warn(self, text: str) -> None:
+        """Tell what somebody should see to, in the log and in the recording."""
+        _log.warning("%s", text)
+        self.warnings.append(text)
+        self._write(LogEntry(self._clock.now_ns(), Severity.WARN, "recorder", text))
 
     def _guard(self, step: Callable[[], None]) -> None:
         """Run one step of writing; whatever goes wrong is the end of the recording, once, and is told."""
         try:
             step()
         except OSError as error:
-            self._fail(explain_os_error(error, self._file.active))
+            self._fail(explain_os_error(error, self._parts.active))
         except BenchError as error:
             self._fail(error)
         except Exception as error:  # a fault of ours must not end the thread in silence
             _log.exception("the recorder failed")
-            self._fail(RecordingError(f"{self._file.active} cannot be written: {error!r}."))
+            self._fail(RecordingError(f"{self._parts.active} cannot be written: {error!r}."))
 
     def _fail(self, failure: BenchError) -> None:
         self._accepting = False

@@ -75,6 +75,16 @@ class CableEnds:
             end.tangent_sigma_rad,
         )
 
+    def describe_unused(self) -> list[str]:
+        """Return what to say of ends whose places are known too badly for the curve."""
+        return [
+            f"The place of [cable.{name}] is known to {1e3 * np.nanmedian(end.position_sigma_m):.0f} mm (standard "
+            f"deviation): it guides the sorting, but curvature uses places known to {1e3 * ON_CURVE_SIGMA_M:.0f} mm or "
+            "better. Give clamp_m, or calibrate better."
+            for name, end in (("anchor", self.anchor), ("end", self.end))
+            if end is not None and np.isfinite(end.position_m).any() and np.isnan(_place_on_curve(end)).all()
+        ]
+
     def clamps(self, length_m: float, up_axis: int) -> ClampedEnds:
         """Return what they tell an estimator of the curve; `up_axis` is the lab frame's vertical."""
         x, y, z = np.eye(3)[up_axis]
@@ -201,9 +211,14 @@ def _on_curve(end: CableEnd | None) -> CableEnd | None:
     """Return what is known of an end as a place and direction of the curve; None without either."""
     if end is None:
         return None
-    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
-    end = replace(end, position_m=np.where(vague[:, None], np.nan, end.position_m))
+    end = replace(end, position_m=_place_on_curve(end))
     return end if np.isfinite(end.position_m).any() or np.isfinite(end.tangent).any() else None
+
+
+def _place_on_curve(end: CableEnd) -> Floats:
+    """Return the end's place (F, 3), NaN where it is too vague for the curve."""
+    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
+    return np.where(vague[:, None], np.nan, end.position_m)
 
 
 def _configured(holder: HolderConfig) -> ClampDirection | None:

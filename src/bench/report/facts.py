@@ -10,7 +10,7 @@ from importlib.metadata import version
 import numpy as np
 
 from bench.analysis import describe_source
-from bench.config import Calibration, Config, describe_program_file, to_toml
+from bench.config import Calibration, Config, describe_loaded_program, describe_program_file, to_toml
 from bench.model import RunState
 from bench.recording import STATE, Run
 from bench.report.host_clock import describe_host_clock
@@ -66,6 +66,7 @@ def state_facts(run: Run, frames: TrackerFrames, cycles: CycleColumns, config: C
         "Frames": say_count(len(frames)),
         "Cable": _cable(config),
         "Program": config.robot.program if config.robot else "",
+        "Loaded program": describe_loaded_program(run.metadata.get("bench.program", {})),
         "Program file": describe_program_file(run.metadata.get("bench.program", {})),
         "Cycle source": _cycle_source(run, config),
         "Clock speed": _speed(recorded.get("clock_speed", "1.0")),

@@ -256,7 +256,7 @@ class Results:
     streams: list[StreamFinding]
     clocks: list[ClockFinding]
     program_facts: dict[str, str] = field(default_factory=dict)
-    """What the recording says of its copy of the robot's program; empty where it has none."""
+    """What the recording says of the robot's program: of the loaded one, and of the copy that it carries."""
     attention: dict[int, list[str]] = field(default_factory=dict)
     """Cycles that need a look, by index, with the reasons in words."""
     noted: list[NotedLine] = field(default_factory=list)

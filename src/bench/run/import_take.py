@@ -141,6 +141,7 @@ def import_take(
             "bench.facts": describe_origin(config) | {"simulated": "false"},
             "bench.import": _describe_import(take, content.info, warnings, imported),
         },
+        split_bytes=config.run.split_bytes,
     )
     try:
         passed = _write(writer, take_clock, take.name, content, warnings, progress)

@@ -14,6 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bench.model import StateChange
+from bench.recording import find_first
 
 __all__ = ["Journal", "is_held", "journal_path", "read_completed"]
 
@@ -84,9 +85,14 @@ def _tolerated(path: Path) -> Iterator[None]:
 
 
 def is_held(run_file: Path) -> bool:
-    """Tell whether a bench that lives is writing this run file."""
+    """Tell whether a bench that lives is writing this run file, or the run of which it is a later part."""
+    first = find_first(run_file)
+    return _is_locked(journal_path(run_file)) or (first is not None and _is_locked(journal_path(first)))
+
+
+def _is_locked(journal: Path) -> bool:
     try:
-        descriptor = os.open(journal_path(run_file), os.O_RDONLY)
+        descriptor = os.open(journal, os.O_RDONLY)
     except OSError:
         return False
     try:

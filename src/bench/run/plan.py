@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from bench.config import AnyRobotConfig, Config, describe_program_file
@@ -9,7 +10,7 @@ from bench.run.bench_links import require_devices
 from bench.run.preflight import predict_bytes_per_s
 
 if TYPE_CHECKING:
-    from bench.run.session import RunOptions
+    from bench.run.options import RunOptions
 
 __all__ = ["describe_plan"]
 
@@ -38,12 +39,21 @@ def describe_plan(config: Config, options: RunOptions) -> list[str]:
             f"duration {run_s:.0f} s of simulated time, {run_s / options.speed:.0f} s at --speed {options.speed:g}"
         )
         lines.append(f"file     about {run_s * per_s / 1e6:.1f} MB ({per_s / 1e3:.0f} kB/s)")
+        lines += _how_split(config.run.split_bytes, run_s * per_s)
     else:
         lines.append("duration known after the first cycle: the path is the robot program's own")
         lines.append(f"file     about {per_s * 3600 / 1e6:.0f} MB for each hour ({per_s / 1e3:.0f} kB/s)")
+        lines += _how_split(config.run.split_bytes, per_s * 3600, " for each hour")
     lines.append(f"output   {options.output or config.run.output_dir + '/' + config.run.name + '-TIME.mcap'}")
     lines.append("Nothing was connected and nothing was written.")
     return lines
+
+
+def _how_split(split_bytes: int, expected_bytes: float, unit: str = "") -> list[str]:
+    if not split_bytes:
+        return []
+    n_parts = max(math.ceil(expected_bytes / split_bytes), 1)
+    return [f"parts    about {n_parts}{unit}, each of {split_bytes / 1e6:g} MB: [run] split_mb"]
 
 
 def _how_first(first_cycle_speed: float) -> str:

@@ -72,10 +72,12 @@ def verify_items(items: Sequence[CheckItem]) -> None:
         raise PreflightError([item.sentence for item in failed], exit_code=failed[0].exit_code)
 
 
-def show_program_file(program: ProgramFile) -> CheckItem:
-    """Return the item that shows which copy of the program travels in the run file; it was read before."""
+def show_program_file(program: ProgramFile | None) -> list[CheckItem]:
+    """Return the item that shows which copy of the program travels in the run file, if one does; it was read before."""
+    if program is None:
+        return []
     limit = f"at most {LARGEST_PROGRAM / 1e6:g} MB"
-    return CheckItem("program file", limit, describe_program_file(program.to_metadata()), "ok")
+    return [CheckItem("program file", limit, describe_program_file(program.to_metadata()), "ok")]
 
 
 def predict_bytes_per_s(config: Config, tracker_rate_hz: float, n_points: float) -> float:

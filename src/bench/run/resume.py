@@ -90,18 +90,23 @@ def read_origin(path: Path) -> Origin:
     Parameters
     ----------
     path : Path
-        Its ``x.mcap``, or the ``x.mcap.active`` of a bench that was killed.
+        Its ``x.mcap``, or the ``x.mcap.active`` of a bench that was killed; of a run in parts, the first.
 
     Raises
     ------
     RecordingError
         It cannot be read, or a bench is still writing it.
     RunError
-        It is no run of cycles.
+        It is no run of cycles, or a later part of one.
     """
     if is_held(path):
         raise RecordingError(f"{path} is being written by a bench that still runs.", hint="Stop that one first.")
     run = open_run(path)
+    if run.part_number > 1:
+        raise RunError(
+            f"{path} is part {run.part_number} of the run that begins in {run.first_part}.",
+            hint=f"Go on with that: --resume {path.with_name(run.first_part)}.",
+        )
     if "bench.import" in run.metadata or run.config.robot is None:
         raise RunError(f"{path} is an imported take: there is no run to go on with.")
     n_recorded = _count_recorded(run)

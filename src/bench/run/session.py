@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shlex
 import uuid
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.config import Config, ProgramFile, to_toml
 from bench.errors import ConfigError
-from bench.model import CheckItem, ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
+from bench.model import CheckItem, ExitStatus, LogEntry, Record, RunState, Severity, StateChange
 from bench.recording import RunWriter
 from bench.run.about import attach_calibration, attach_program, describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
@@ -22,58 +21,23 @@ from bench.run.inbox import Fault, Inbox, QueueInbox
 from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
 from bench.run.live_process import LiveAddress, LiveProcess
+from bench.run.loaded_program import ask_loaded
+from bench.run.options import RunOptions, RunSummary
 from bench.run.preflight import check_bench, show_program_file, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
-from bench.run.resume import PROGRAM, RESUMED, Origin, hash_test, verify_origin
+from bench.run.resume import PROGRAM, RESUMED, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
 from bench.run.states import RunStates
 from bench.run.view import RunView
 from bench.timing import RunClock, patience_ns
 
-__all__ = ["RunOptions", "RunSummary", "check", "run"]
+__all__ = ["check", "run"]
 
 SETTLE_S = 1.0
 """Machine time the links stream before they are judged: 125 robot states and 100 frames at the slowest usual rates."""
 CLOSE_FILE_S = 120.0
 """Machine time to drain the queue and finish the file on a slow disk."""
 LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde", "httpx", "pymodbus")
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """What the command line adds to the configuration."""
-
-    n_cycles: int
-    output: Path | None = None
-    speed: float = 1.0
-    truth: Path | None = None
-    origin: Origin | None = None
-    """The run that is gone on with; `n_cycles` is the total of both."""
-    program: ProgramFile | None = None
-    """Copy of the robot's program that travels in the run file."""
-    live: LiveAddress | None = None
-    """Where the live view is served; None: it is not."""
-
-    @property
-    def n_before(self) -> int:
-        """Cycles that are done already."""
-        return self.origin.n_completed if self.origin else 0
-
-
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """How a run ended and what it left."""
-
-    path: Path | None
-    """The run file; None when nothing was driven, so that none was kept."""
-    ending: Ending
-    n_completed: int
-    n_cycles: int
-    stats: dict[str, RecorderStats]
-    bytes_written: int
-    cycles_s: float
-    """Sum of the cycles' durations, in the run's own time."""
-    warnings: list[str]
 
 
 def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:
@@ -126,7 +90,7 @@ def check(config: Config, view: RunView, speed: float = 1.0, program: ProgramFil
         links = BenchLinks(config, clock, inbox, _discard, packets=_default_path(config, clock).with_suffix(""))
         links.open(closing)
         states.enter(RunState.CHECKING)
-        items = _check(config, links, clock, Path(config.run.output_dir), None, program)
+        items = [*_check(config, links, clock, Path(config.run.output_dir), None), *show_program_file(program)]
         states.enter(RunState.CLOSING)
     states.enter(RunState.DONE)
     return items
@@ -163,6 +127,7 @@ class _Session:
         self._progress = RunProgress(options.n_cycles, options.n_before)
         self._ending = Ending(ExitStatus.FAIL, "ended without a reason")
         self._warnings: list[str] = []
+        self._n_told = 0
 
     def run(self) -> None:
         """Connect, check, drive; whatever happens, the ending is known afterwards."""
@@ -190,6 +155,9 @@ class _Session:
         if self._simulator is not None:
             self._simulator.verify_alive()
         self._journal.note_completed(self._progress.n_completed)
+        for text in self._writer.warnings[self._n_told :]:
+            self._view.say(text)
+            self._n_told += 1
         self._view.update(self._progress, self._writer, links, self._clock)
 
     def _close_writer(self) -> None:
@@ -198,7 +166,8 @@ class _Session:
             self._finish_file()
         except BaseException:
             self._journal.close(remove=False)
-            self._say_how_to_go_on(self._path.with_name(f"{self._path.name}.active"))
+            active = self._path.with_name(f"{self._path.name}.active")
+            self._say_how_to_go_on(active if active.exists() else self._path)  # it may have gone on in another part
             raise
         self._journal.close(remove=True)
         self._say_how_to_go_on(self._path)
@@ -254,7 +223,8 @@ class _Session:
         simulated = self._config.simulation
         n_left = self._options.n_cycles - self._options.n_before + 1.0 / self._config.run.first_cycle_speed - 1.0
         expected_s = n_left * simulated.cycle_s * 1.2 if simulated else None
-        items = _check(self._config, links, self._clock, self._path.parent, expected_s, self._options.program)
+        items = _check(self._config, links, self._clock, self._path.parent, expected_s)
+        items += show_program_file(self._options.program)
         self._writer.add_metadata("bench.preflight", {item.name: f"{item.verdict}: {item.value}" for item in items})
         for item in items:
             self._view.show_item(item)
@@ -262,6 +232,10 @@ class _Session:
                 severity = Severity.WARN if item.verdict == "warn" else Severity.ERROR
                 self._writer.put(LogEntry(self._clock.now_ns(), severity, "run", item.sentence))
         verify_items(items)
+        told, doubts = ask_loaded(links.program, self._options.program, self._options.origin)
+        self._writer.add_metadata(PROGRAM, told)
+        for text in doubts:
+            self._say(Severity.WARN, text)
 
     def _drive(self, links: BenchLinks) -> Ending:
         self._states.enter(RunState.ARMED)
@@ -311,7 +285,8 @@ class _Session:
             self._writer.stats,
             self._writer.bytes_written,
             sum(durations_ns) * 1e-9,
-            [*self._warnings, *self._progress.warnings, *self._closing.notes],
+            [*self._warnings, *self._writer.warnings, *self._progress.warnings, *self._closing.notes],
+            len(self._writer.paths),
         )
 
 
@@ -346,15 +321,10 @@ def _start_simulator(
 
 
 def _check(
-    config: Config,
-    links: BenchLinks,
-    clock: RunClock,
-    folder: Path,
-    expected_s: float | None,
-    program: ProgramFile | None,
+    config: Config, links: BenchLinks, clock: RunClock, folder: Path, expected_s: float | None
 ) -> list[CheckItem]:
     clock.sleep_until_ns(clock.now_ns() + patience_ns(clock, SETTLE_S))
-    items = check_bench(
+    return check_bench(
         config,
         links.program,
         links.watcher,
@@ -365,7 +335,6 @@ def _check(
         clock.speed,
         has_slider=links.slider is not None,
     )
-    return items if program is None else [*items, show_program_file(program)]
 
 
 def _open_writer(
@@ -385,6 +354,7 @@ def _open_writer(
         extra=extra,
         attachments={**attach_calibration(config), **attach_program(program)},
         on_failure=lambda error: inbox.put(Fault(error)),
+        split_bytes=config.run.split_bytes,
     )
 
 

@@ -10,6 +10,7 @@ from contextlib import suppress
 import pytest
 
 from bench.config import RobotConfig
+from bench.drivers.base import ProgramControl
 from bench.drivers.robot.ur.codec import (
     FrameSplitter,
     decode_input_setup,
@@ -92,6 +93,22 @@ def make_config() -> Callable[..., RobotConfig]:
         return RobotConfig(host=host, program="bend_test.urp", **{"rate_hz": 125.0, **keys})
 
     return make
+
+
+@pytest.fixture
+def open_program(clock, make_config, request) -> Iterator[Callable[..., ProgramControl]]:
+    """Open program controls of the module's kind, which are closed at the end whatever happens."""
+    controls = []
+
+    def start(host=None, **keys):
+        control = request.module.CONTROL(make_config(host or request.module.HOST), clock, **keys)
+        controls.append(control)
+        control.open()
+        return control
+
+    yield start
+    for control in controls:
+        control.close()
 
 
 @pytest.fixture

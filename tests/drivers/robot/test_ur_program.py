@@ -13,6 +13,7 @@ from bench.errors import ConnectError, DeviceError, DeviceStateError, DeviceTime
 HOST = "127.0.31.4"
 SCRIPTED = "127.0.31.5"
 PROGRAM = "bend_test.urp"
+CONTROL = UrDashboardProgram
 
 
 @pytest.fixture(autouse=True, params=["ur_rtde", "own socket"])
@@ -22,22 +23,6 @@ def client(request, monkeypatch):
         pytest.importorskip("dashboard_client", reason="ur_rtde has no build for this Python")
     else:
         monkeypatch.setitem(sys.modules, "dashboard_client", None)
-
-
-@pytest.fixture
-def open_program(clock, make_config):
-    """Open program controls that are closed at the end whatever happens."""
-    controls = []
-
-    def start(host=HOST, **keys):
-        control = UrDashboardProgram(make_config(host), clock, **keys)
-        controls.append(control)
-        control.open()
-        return control
-
-    yield start
-    for control in controls:
-        control.close()
 
 
 HANG_UP = object()
@@ -90,6 +75,13 @@ def test_a_program_the_controller_does_not_have_is_named(start_controller, open_
     with pytest.raises(DeviceStateError, match=r"controller 127\.0\.31\.4 has no program 'x\.urp'") as caught:
         open_program().load("x.urp")
     assert "/programs" in caught.value.hint
+
+
+def test_the_loaded_program_is_told_with_its_folder(start_controller, open_program):
+    start_controller(HOST)
+    program = open_program()
+    program.load(PROGRAM)
+    assert program.tell_loaded() == {"loaded": "/programs/bend_test.urp"}
 
 
 def test_a_play_without_a_program_is_refused(start_controller, open_program):

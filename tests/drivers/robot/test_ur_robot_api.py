@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 import json
 import threading
 from typing import ClassVar
@@ -21,28 +22,14 @@ from bench.errors import (
     LinkLostError,
     ProtocolError,
 )
+from bench.simulation.path import JointPath
 from bench.simulation.ur.kinds import POLYSCOPE_X
 
 HOST = "127.0.63.4"
 SCRIPTED = "127.0.63.5"
 PROGRAM = "bend_test.urp"
+CONTROL = RobotApiProgram
 MANY = 200
-
-
-@pytest.fixture
-def open_program(clock, make_config):
-    """Open program controls that are closed at the end whatever happens."""
-    controls = []
-
-    def start(host=HOST, **keys):
-        control = RobotApiProgram(make_config(host), clock, **keys)
-        controls.append(control)
-        control.open()
-        return control
-
-    yield start
-    for control in controls:
-        control.close()
 
 
 class Api:
@@ -117,6 +104,40 @@ def test_a_program_is_loaded_played_and_stopped_and_each_effect_is_seen(start_co
     program.stop()
     program.play()
     assert controller.machine.program.state == "PLAYING"
+
+
+def test_the_loaded_program_is_told_with_the_hash_of_what_the_controller_gives_out(start_controller, open_program):
+    controller = start_controller(HOST, kind=POLYSCOPE_X)
+    program = open_program()
+    program.load(PROGRAM)
+    told = program.tell_loaded()
+    assert told["loaded"] == "bend_test"
+    assert len(told["loaded_sha256"]) == 64
+    assert int(told["loaded_bytes"]) > 100
+    assert program.tell_loaded() == told
+    controller.machine.program.path = JointPath(0.9)
+    assert program.tell_loaded()["loaded_sha256"] != told["loaded_sha256"]
+
+
+def test_the_hash_is_that_of_the_bytes_whatever_the_programs_name_and_content(serve, open_program):
+    content = bytes(range(256))
+    asked = "GET programs/v1/bend%201%2F%C3%BC%3F"
+    api = serve(with_answers(**{"GET program/v1/loaded": {"name": "bend 1/ü?"}, asked: (200, content)}))
+    told = open_program(SCRIPTED).tell_loaded()
+    assert told["loaded_sha256"] == hashlib.sha256(content).hexdigest()
+    assert api.requests[-1] == asked
+
+
+def test_a_program_that_is_not_given_out_is_an_error_of_ours(serve, open_program):
+    serve(with_answers())
+    with pytest.raises(DeviceStateError, match="does not give out its program 'bend_test': status 404"):
+        open_program(SCRIPTED).tell_loaded()
+
+
+def test_software_10_11_tells_nothing_of_its_program(serve, open_program):
+    api = serve(with_answers(**{"GET openapi.json": {"info": {"version": "3.0.0"}}}))
+    assert open_program(SCRIPTED).tell_loaded() == {}
+    assert api.requests == ["GET openapi.json"]
 
 
 def test_a_paused_program_is_resumed_by_play(start_controller, open_program):

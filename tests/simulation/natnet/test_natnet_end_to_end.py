@@ -98,7 +98,8 @@ def test_all_frames_arrive_bit_for_bit(long_recording: tuple[SimulatedTracker, R
 
 def test_nothing_is_worth_a_warning(long_recording: tuple[SimulatedTracker, Recording]) -> None:
     _, recording = long_recording
-    assert recording.log == []
+    # on a busy machine the kernel begins to stamp arrivals some packets late, of which the log has an information
+    assert [entry for entry in recording.log if entry.severity >= Severity.WARN] == []
     assert recording.loss == []
 
 

@@ -20,7 +20,7 @@ from bench.analysis import (
     median_cycle,
     shift_motion,
 )
-from bench.config import describe_program_file
+from bench.config import describe_loaded_program, describe_program_file
 from bench.errors import AnalysisError, TooFewMarkersError
 from bench.model import Verdict
 from bench.report.results import Results
@@ -209,14 +209,14 @@ def _state_cycles(*runs: Results, phase: Floats) -> list[str]:
 
 
 def _state_programs(first: Results, second: Results) -> list[str]:
-    """Return a sentence where both recordings carry a copy of their program."""
-    hashes = [results.program_facts.get("sha256", "") for results in (first, second)]
-    if not all(hashes):
-        return []
-    files = [describe_program_file(results.program_facts) for results in (first, second)]
-    if hashes[0] == hashes[1]:
-        return [f"The robot drove by the same program in both: {files[0]}."]
-    return [f"The robot drove by different programs: {files[0]}; and {files[1]}."]
+    """Return a sentence where both recordings have a copy of their program, or both a hash that the controller told."""
+    for key, describe in (("sha256", describe_program_file), ("loaded_sha256", describe_loaded_program)):
+        hashes = {results.program_facts.get(key, "") for results in (first, second)}
+        one, other = describe(first.program_facts), describe(second.program_facts)
+        if "" not in hashes:
+            same = f"The robot drove by the same program in both: {one}."
+            return [same if len(hashes) == 1 else f"The robot drove by different programs: {one}; and {other}."]
+    return []
 
 
 def _say_cycles(n_cycles: int) -> str:

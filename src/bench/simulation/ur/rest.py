@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any
+from urllib.parse import unquote
 
 from bench.drivers.robot.ur.robot_api import ROOT
 from bench.simulation.ur.dashboard import EFFECT_DELAY_NS, Effect
@@ -27,6 +28,8 @@ NOT_REMOTE = Reply(
     {"message": "Forbidden - Operation Not Allowed", "details": "The robot must be in remote mode."},
     HTTPStatus.FORBIDDEN,
 )
+PROGRAMS = "programs/v1/"
+N_WAYPOINTS = 8
 UNKNOWN_PATH = Reply({"message": "Not Found"}, HTTPStatus.NOT_FOUND)
 NO_SUCH_PROGRAM = Reply({"message": "Program not found"}, HTTPStatus.NOT_FOUND)
 UNREADABLE = Reply({"message": "Validation Error"}, HTTPStatus.UNPROCESSABLE_ENTITY)
@@ -71,7 +74,9 @@ class RobotApi:
         return _without_suffix(self._machine.program.name)
 
     def answer(self, request: Request) -> Reply:
-        path = request.path.removeprefix(f"/{ROOT}/")
+        path = unquote(request.path).removeprefix(f"/{ROOT}/")
+        if request.method == "GET" and path.startswith(PROGRAMS):
+            return self._give_out(path.removeprefix(PROGRAMS))
         if request.method == "GET" and path in self._questions:
             return Reply(self._questions[path]())
         if request.method != "PUT" or path not in self._commands:
@@ -98,6 +103,13 @@ class RobotApi:
     def _safety_word(self) -> str:
         status = self._machine.safety_status
         return SAFETY_WORDS.get(status, status.name)
+
+    def _give_out(self, name: str) -> Reply:
+        # what is in a real one is not documented; here, where it goes
+        if name != self.program_name:
+            return NO_SUCH_PROGRAM
+        path = self._machine.program.path
+        return Reply({"name": name, "waypoints_rad": [path.at(i / N_WAYPOINTS).q_rad for i in range(N_WAYPOINTS)]})
 
     def _later(self, effect: Effect) -> Reply:
         self._schedule(EFFECT_DELAY_NS, effect)

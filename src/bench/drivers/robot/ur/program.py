@@ -138,6 +138,11 @@ class UrDashboardProgram:
                 self._call(f"load {program}", "loadURP", program)
             self._wait(lambda: self._has_loaded(program), f"load '{program}'", self._limits.load_s)
 
+    def tell_loaded(self) -> dict[str, str]:
+        """Return the path of the loaded program on the controller: the dashboard tells nothing of its content."""
+        with self._lock:
+            return {"loaded": self._loaded()}
+
     def play(self) -> None:
         """Start the loaded program, or resume it after a pause, and wait until it plays."""
         with self._lock:
@@ -169,7 +174,10 @@ class UrDashboardProgram:
         return state, name.strip()
 
     def _has_loaded(self, program: str) -> bool:
-        return _is_same(_after_colon(self._call("get loaded program", "getLoadedProgram")), program)
+        return _is_same(self._loaded(), program)
+
+    def _loaded(self) -> str:
+        return _after_colon(self._call("get loaded program", "getLoadedProgram"))
 
     def _wait_for(self, state: str, command: str) -> None:
         self._wait(lambda: self._program_state()[0] == state, command, self._limits.command_s)

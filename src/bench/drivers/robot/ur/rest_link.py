@@ -35,6 +35,8 @@ class Answer:
     """HTTP status."""
     fields: dict[str, Any]
     """The JSON object; empty if the body is something else."""
+    content: bytes
+    """The body as it came."""
 
     @property
     def is_ok(self) -> bool:
@@ -92,7 +94,7 @@ class RestLink:
             raise DeviceTimeoutError(f"The {self._peer} did not answer '{request}' in {self._limit_s:g} s.") from error
         except (httpx.HTTPError, httpx.InvalidURL, OSError, ValueError) as error:
             raise self._translate(request, error) from error
-        return Answer(status, _parse(received))
+        return Answer(status, _parse(received), received)
 
     async def _exchange(self, method: str, path: str, body: dict[str, str] | None) -> tuple[int, bytes]:
         """Follow a request to where the controller has moved its path to; the limit is on the whole."""

@@ -8,10 +8,12 @@ whose table of versions says which came with 10.12.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from urllib.parse import quote
 
 from bench.config import RobotConfig
 from bench.drivers.robot.ur.effect import USUAL_LIMITS, EffectLimits, wait_for_effect
@@ -28,7 +30,8 @@ ROOT = "universal-robots/robot-api"
 ANSWER_LIMIT_S = 5.0
 """A controller answers in milliseconds; this is for one that is busy loading."""
 MODES_SINCE = (3, 1, 4)
-"""Robot API of software 10.12, the first that tells modes and the loaded program, and that loads by this path."""
+"""Robot API of software 10.12, the first that tells modes and the loaded program, gives out programs, and loads by this
+path."""
 REMOTE_HINT = "Choose Automatic and Remote in the safety overview of PolyScope X, then start again."
 NO_API_HINT = (
     "PolyScope X has a Robot API from software 10.11 on; other robots need [robot] program_control = 'dashboard'."
@@ -179,6 +182,21 @@ class RobotApiProgram:
 
     def _has_loaded(self, name: str) -> bool:
         return not self._tells_modes or self._get("program/v1/loaded", "name") == name
+
+    def tell_loaded(self) -> dict[str, str]:
+        """Return name, size and SHA-256 of the loaded program; nothing from software 10.11, which does not tell them.
+
+        The hash is of what the controller gives out: the file that its clients save as ``.urpx``.
+        """
+        if not self._tells_modes:
+            return {}
+        with self._lock:
+            name = self._get("program/v1/loaded", "name")
+            answer = self._send("GET", f"programs/v1/{quote(name, safe='')}")
+            if not answer.is_ok:
+                raise DeviceStateError(f"The {self._peer} does not give out its program '{name}': {answer.said}.")
+        digest = hashlib.sha256(answer.content).hexdigest()
+        return {"loaded": name, "loaded_bytes": str(len(answer.content)), "loaded_sha256": digest}
 
     def play(self) -> None:
         """Start the loaded program, or resume it after a pause, and wait until it plays."""
