@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -12,6 +12,7 @@ from bench.report.headline import Headline, TightestBend
 from bench.report.results import ClockFinding, Results
 
 __all__ = [
+    "RECORDED",
     "count_decimals",
     "describe_clocks",
     "describe_cycles",
@@ -30,6 +31,7 @@ __all__ = [
     "say_range",
     "say_short_time",
     "say_utc",
+    "say_versions",
 ]
 
 UNKNOWN = "–"
@@ -41,6 +43,8 @@ NBSP = "\u00a0"
 MINUS = "\u2212"
 GROUPED_FROM = 10_000
 """Four digits are read at a glance; from five on they are grouped."""
+RECORDED = "recorded with "
+"""How the name of a version begins that a recording tells of itself."""
 UNDECIDED = "The limit lies inside the interval of the smallest bend radius: by noise alone it may be on either side."
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -109,6 +113,14 @@ def say_utc(time_ns: int) -> str:
         return UNKNOWN
     moment = EPOCH + timedelta(microseconds=time_ns // 1000)
     return f"{moment:%Y-%m-%d %H:%M:%S}.{moment.microsecond // 1000:03d}"
+
+
+def say_versions(versions: Mapping[str, str]) -> str:
+    """Return in one line the versions that recorded, then those that analysed."""
+    recorded = [f"{name.removeprefix(RECORDED)} {text}" for name, text in versions.items() if name.startswith(RECORDED)]
+    analysed = [f"{name} {text}" for name, text in versions.items() if not name.startswith(RECORDED)]
+    parts = [f"recorded with {', '.join(recorded)}"] if recorded else []
+    return "; ".join([*parts, f"analysed with {', '.join(analysed)}"])
 
 
 def describe_outcome(results: Results, headline: Headline) -> list[str]:
