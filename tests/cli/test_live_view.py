@@ -22,7 +22,7 @@ from live_client import LiveClient, stalled_client
 from mcap.reader import make_reader
 
 from bench.recording import Run, load_schema, open_run
-from bench.recording.cdr import decode
+from bench.recording.messages.cdr import decode
 
 N_CYCLES = 20
 ROOT = Path(__file__).parents[2]

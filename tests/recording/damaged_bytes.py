@@ -18,7 +18,7 @@ CHUNK = 6
 def record_small_chunks(path: Path, n_frames: int) -> bytes:
     """Return a finished file of many small chunks."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+        patch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 3000)
         some = [r for i in range(n_frames) for r in (make_state(i), make_frame(i, n_points=i % 5, n_bodies=i % 3))]
         return write_run(path, [*some, *one_of_each()]).read_bytes()
 

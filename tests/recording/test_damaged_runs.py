@@ -23,9 +23,9 @@ from mcap.writer import CompressionType, IndexType, Writer
 
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.recording import FRAME, POINTS, ROBOT, STATS, Run, open_run
-from bench.recording.cdr import encode
-from bench.recording.schemas import load_schema, parse_schema
-from bench.recording.topics import TOPICS
+from bench.recording.messages.cdr import encode
+from bench.recording.messages.schemas import load_schema, parse_schema
+from bench.recording.messages.topics import TOPICS
 
 PATIENCE_S = 30.0
 CHUNK_HEAD = 9

@@ -13,7 +13,8 @@ from mcap.stream_reader import StreamReader
 from recording_examples import make_frame, make_state, one_of_each, write_run
 
 from bench.errors import RecordingError, RecordingUnfinishedError
-from bench.recording import ROBOT, TOPICS, Run, open_run, salvage_copy, salvage_in_place, scanning
+from bench.recording import ROBOT, TOPICS, Run, open_run, salvage_copy, salvage_in_place
+from bench.recording.container import scanning
 
 N_RECORDS = 20
 DATA_END = b"\x0f\x04\0\0\0\0\0\0\0"

@@ -99,7 +99,7 @@ def _finish(folder: Path, data: bytes) -> Salvaged:
 def test_every_whole_record_before_a_cut_is_kept_wherever_the_cut_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, salvage: Callable[[Path, bytes], Salvaged]
 ) -> None:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     small = write_run(tmp_path / "small.mcap", [make_state(0), make_frame(0, 1)]).read_bytes()
     monkeypatch.setattr("os.fsync", lambda _: None)  # what is on the disk is not the question, and thousands take long
     monkeypatch.setattr("os.fdatasync", lambda _: None)

@@ -23,9 +23,9 @@ from bench.model import (
     StateChange,
     TrackerFrame,
 )
-from bench.recording.cdr import HEADER, Layout, encode
-from bench.recording.pointcloud import CLOUD_SCHEMA, encode_cloud, split_stamp
-from bench.recording.schemas import load_schema
+from bench.recording.messages.cdr import HEADER, Layout, encode
+from bench.recording.messages.pointcloud import CLOUD_SCHEMA, encode_cloud, split_stamp
+from bench.recording.messages.schemas import load_schema
 
 __all__ = [
     "BODIES",

@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path, PurePath
 
 from bench.errors import RecordingError
-from bench.recording.container import MAGIC, Chunk, Container
-from bench.recording.files import RunFiles, opened
-from bench.recording.output import active_path
-from bench.recording.part_names import CONTINUES
-from bench.recording.reader import Run
-from bench.recording.scanning import scan_further
+from bench.recording.container.contents import MAGIC, Chunk, Container
+from bench.recording.container.scanning import scan_further
+from bench.recording.files.output import active_path
+from bench.recording.files.part_names import CONTINUES
+from bench.recording.files.run_files import RunFiles, opened
+from bench.recording.reading.reader import Run
 
 __all__ = ["RunFollower"]
 

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from bench.recording.cdr import CdrError, Layout, decode
-from bench.recording.chunks import Data, Offsets
-from bench.recording.columns import HEAD_COLUMNS, Array, allocate_columns
-from bench.recording.container import DamagedError
-from bench.recording.gathering import MESSAGE_HEAD, OWN_HEAD, gather, gather_bytes, gather_heads, payload_of
-from bench.recording.pointcloud import CLOUD_TAIL_SIZE, POINT, read_points, verify_cloud
-from bench.recording.schemas import Schema
+from bench.recording.container.chunks import Data, Offsets
+from bench.recording.container.contents import DamagedError
+from bench.recording.messages.cdr import CdrError, Layout, decode
+from bench.recording.messages.pointcloud import CLOUD_TAIL_SIZE, POINT, read_points, verify_cloud
+from bench.recording.messages.schemas import Schema
+from bench.recording.reading.columns import HEAD_COLUMNS, Array, allocate_columns
+from bench.recording.reading.gathering import MESSAGE_HEAD, OWN_HEAD, gather, gather_bytes, gather_heads, payload_of
 
 __all__ = ["CloudCollector"]
 

@@ -13,10 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from bench.recording.chunks import Data, Offsets, are_messages, read_chunk, read_index, read_offsets
-from bench.recording.container import Chunk, DamagedError
-from bench.recording.files import RunFiles
-from bench.recording.gathering import MESSAGE_HEAD
+from bench.recording.container.chunks import Data, Offsets, are_messages, read_chunk, read_index, read_offsets
+from bench.recording.container.contents import Chunk, DamagedError
+from bench.recording.files.run_files import RunFiles
+from bench.recording.reading.gathering import MESSAGE_HEAD
 
 __all__ = ["Batch", "find_messages", "group_chunks", "unpack_batch"]
 

@@ -9,14 +9,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench.recording.cdr import HEADER, CdrError, Layout, decode, encode
-from bench.recording.chunks import Data, Offsets
-from bench.recording.clouds import CloudCollector
-from bench.recording.columns import HEAD_COLUMNS, Array, allocate_columns
-from bench.recording.container import DamagedError
-from bench.recording.gathering import MESSAGE_HEAD, OWN_HEAD, gather, gather_heads, payload_of
-from bench.recording.pointcloud import CLOUD_SCHEMA
-from bench.recording.schemas import PRIMITIVES, Schema
+from bench.recording.container.chunks import Data, Offsets
+from bench.recording.container.contents import DamagedError
+from bench.recording.messages.cdr import HEADER, CdrError, Layout, decode, encode
+from bench.recording.messages.pointcloud import CLOUD_SCHEMA
+from bench.recording.messages.schemas import PRIMITIVES, Schema
+from bench.recording.reading.clouds import CloudCollector
+from bench.recording.reading.columns import HEAD_COLUMNS, Array, allocate_columns
+from bench.recording.reading.gathering import MESSAGE_HEAD, OWN_HEAD, gather, gather_heads, payload_of
 
 __all__ = ["Collector", "make_collector"]
 

@@ -17,12 +17,12 @@ from pathlib import Path
 
 from bench.errors import BenchError, RecordingError
 from bench.model import DeviceInfo, LogEntry, Record, RecorderStats, Severity
-from bench.recording.counts import Counts
-from bench.recording.descriptions import describe_counts, describe_device, describe_end, describe_run
-from bench.recording.output import explain_os_error
-from bench.recording.part_sequence import PartSequence
-from bench.recording.part_writing import FORMAT_VERSION, Attachment
-from bench.recording.topics import TOPICS, Message, encode_record
+from bench.recording.files.output import explain_os_error
+from bench.recording.messages.topics import TOPICS, Message, encode_record
+from bench.recording.writing.counts import Counts
+from bench.recording.writing.descriptions import describe_counts, describe_device, describe_end, describe_run
+from bench.recording.writing.part_sequence import PartSequence
+from bench.recording.writing.part_writing import FORMAT_VERSION, Attachment
 from bench.timing import Clock, patience_ns
 
 __all__ = ["RunWriter"]

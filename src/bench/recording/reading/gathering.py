@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from bench.recording.chunks import Data, Offsets
-from bench.recording.columns import Array
-from bench.recording.container import DamagedError
+from bench.recording.container.chunks import Data, Offsets
+from bench.recording.container.contents import DamagedError
+from bench.recording.reading.columns import Array
 
 __all__ = ["MESSAGE_HEAD", "OWN_HEAD", "gather", "gather_bytes", "gather_heads", "payload_of", "read_message"]
 

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterable
 
 from bench.model import Record, RecorderStats
-from bench.recording.topics import count_messages
+from bench.recording.messages.topics import count_messages
 
 __all__ = ["Counts"]
 

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.model import NO_ID, TrackerFrame
-from bench.recording.cdr import CdrError, Layout, decode, encode
-from bench.recording.schemas import load_schema
+from bench.recording.messages.cdr import CdrError, Layout, decode, encode
+from bench.recording.messages.schemas import load_schema
 
 __all__ = ["CLOUD_SCHEMA", "CLOUD_TAIL_SIZE", "POINT", "encode_cloud", "read_points", "split_stamp", "verify_cloud"]
 

@@ -9,9 +9,9 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-from bench.recording.container import ATTACHMENT, HEAD, LARGEST_NOTE, METADATA, Container, DamagedError, Note
-from bench.recording.ending import encode_records
-from bench.recording.files import RunFiles
+from bench.recording.container.contents import ATTACHMENT, HEAD, LARGEST_NOTE, METADATA, Container, DamagedError, Note
+from bench.recording.container.ending import encode_records
+from bench.recording.files.run_files import RunFiles
 
 __all__ = ["find_attachment", "read_note"]
 

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bench.errors import RecordingError
-from bench.recording.output import active_path
-from bench.recording.part_names import list_parts
+from bench.recording.files.output import active_path
+from bench.recording.files.part_names import list_parts
 
 __all__ = ["RunFiles", "opened"]
 

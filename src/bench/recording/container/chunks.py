@@ -16,8 +16,16 @@ import numpy as np
 import numpy.typing as npt
 import zstandard
 
-from bench.recording.container import HEAD, INDEX_HEAD, LARGEST_CHUNK, MESSAGE, MESSAGE_INDEX, Chunk, DamagedError
-from bench.recording.files import RunFiles
+from bench.recording.container.contents import (
+    HEAD,
+    INDEX_HEAD,
+    LARGEST_CHUNK,
+    MESSAGE,
+    MESSAGE_INDEX,
+    Chunk,
+    DamagedError,
+)
+from bench.recording.files.run_files import RunFiles
 
 __all__ = [
     "Data",

@@ -10,17 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.errors import RecordingError
-from bench.recording.ahead import work_in_turn
-from bench.recording.batches import Batch, find_messages, group_chunks, unpack_batch
-from bench.recording.cdr import CdrError
-from bench.recording.chunks import read_chunk, read_offsets
-from bench.recording.collecting import Collector, make_collector
-from bench.recording.columns import HEAD_COLUMNS, Array, Columns
-from bench.recording.container import Channel, Chunk, Container, DamagedError, describe_chunk
-from bench.recording.files import RunFiles, opened
-from bench.recording.gathering import read_message
-from bench.recording.schemas import Schema, load_schema, parse_schema
-from bench.recording.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
+from bench.recording.container.chunks import read_chunk, read_offsets
+from bench.recording.container.contents import Channel, Chunk, Container, DamagedError, describe_chunk
+from bench.recording.files.run_files import RunFiles, opened
+from bench.recording.messages.cdr import CdrError
+from bench.recording.messages.schemas import Schema, load_schema, parse_schema
+from bench.recording.messages.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
+from bench.recording.reading.ahead import work_in_turn
+from bench.recording.reading.batches import Batch, find_messages, group_chunks, unpack_batch
+from bench.recording.reading.collecting import Collector, make_collector
+from bench.recording.reading.columns import HEAD_COLUMNS, Array, Columns
+from bench.recording.reading.gathering import read_message
 
 __all__ = ["Span", "read_messages", "read_topics", "split_spans"]
 

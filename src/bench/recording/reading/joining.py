@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.errors import RecordingError
-from bench.recording.container import Container, DamagedError
-from bench.recording.files import opened
-from bench.recording.part_names import CONTINUES, PART, list_parts, part_path, read_number
-from bench.recording.scanning import scan_container
-from bench.recording.status import SALVAGE, count_by_topic
+from bench.recording.container.contents import Container, DamagedError
+from bench.recording.container.scanning import scan_container
+from bench.recording.files.part_names import CONTINUES, PART, list_parts, part_path, read_number
+from bench.recording.files.run_files import opened
+from bench.recording.reading.status import SALVAGE, count_by_topic
 
 __all__ = ["FoundPart", "FoundParts", "find_parts", "join_parts"]
 

@@ -24,17 +24,17 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
 from bench.errors import RecordingError, RecordingExistsError, RecordingUnfinishedError
-from bench.recording.chunks import index_messages, read_chunk
-from bench.recording.container import HEAD, INDEX_HEAD, MAGIC, Chunk, DamagedError, Note
-from bench.recording.ending import Ending, encode_records
-from bench.recording.examining import Examined, define_topics, examine
-from bench.recording.files import RunFiles, opened
-from bench.recording.joining import FoundParts, find_parts
-from bench.recording.notes import read_note
-from bench.recording.output import OutputFile, explained, rename_new
-from bench.recording.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
-from bench.recording.scanning import scan_container
-from bench.recording.status import LAST_SECOND, SALVAGE
+from bench.recording.container.chunks import index_messages, read_chunk
+from bench.recording.container.contents import HEAD, INDEX_HEAD, MAGIC, Chunk, DamagedError, Note
+from bench.recording.container.ending import Ending, encode_records
+from bench.recording.container.notes import read_note
+from bench.recording.container.scanning import scan_container
+from bench.recording.files.output import OutputFile, explained, rename_new
+from bench.recording.files.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
+from bench.recording.files.run_files import RunFiles, opened
+from bench.recording.reading.joining import FoundParts, find_parts
+from bench.recording.reading.status import LAST_SECOND, SALVAGE
+from bench.recording.salvage.examining import Examined, define_topics, examine
 
 __all__ = ["Salvaged", "salvage_copy", "salvage_in_place"]
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from mcap import records
 
 from bench.errors import RecordingUnfinishedError
-from bench.recording.chunks import count_messages, has_sound_index, read_chunk
-from bench.recording.container import (
+from bench.recording.container.chunks import count_messages, has_sound_index, read_chunk
+from bench.recording.container.contents import (
     ATTACHMENT,
     HEAD,
     METADATA,
@@ -20,11 +20,11 @@ from bench.recording.container import (
     Note,
     describe_chunk,
 )
-from bench.recording.files import RunFiles
-from bench.recording.notes import read_note
-from bench.recording.part_names import CONTINUES, FIRST_NUMBER, read_number
-from bench.recording.schemas import load_schema
-from bench.recording.topics import TOPICS
+from bench.recording.container.notes import read_note
+from bench.recording.files.part_names import CONTINUES, FIRST_NUMBER, read_number
+from bench.recording.files.run_files import RunFiles
+from bench.recording.messages.schemas import load_schema
+from bench.recording.messages.topics import TOPICS
 
 __all__ = ["Examined", "define_topics", "examine"]
 

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.model import DeviceInfo
-from bench.recording.counts import Counts
+from bench.recording.writing.counts import Counts
 from bench.timing import Clock
 
 __all__ = ["describe_counts", "describe_device", "describe_end", "describe_part", "describe_run"]

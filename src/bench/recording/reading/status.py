@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from bench.recording.container import Container
-from bench.recording.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
+from bench.recording.container.contents import Container
+from bench.recording.files.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
 
 __all__ = ["LAST_SECOND", "SALVAGE", "PartFacts", "RunStatus", "count_by_topic", "describe_status", "list_facts"]
 

@@ -8,10 +8,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from bench.errors import DiskFullError, RecordingError, RecordingExistsError
-from bench.recording.descriptions import describe_part
-from bench.recording.output import explained, verify_absent
-from bench.recording.part_names import FIRST_NUMBER, PART, list_parts, part_path
-from bench.recording.part_writing import Attachment, PartEnding, RunPart
+from bench.recording.files.output import explained, verify_absent
+from bench.recording.files.part_names import FIRST_NUMBER, PART, list_parts, part_path
+from bench.recording.writing.descriptions import describe_part
+from bench.recording.writing.part_writing import Attachment, PartEnding, RunPart
 
 __all__ = ["PartSequence"]
 

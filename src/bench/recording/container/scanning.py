@@ -15,8 +15,8 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 
-from bench.recording.chunks import count_messages, find_times, read_chunk, walk_records
-from bench.recording.container import (
+from bench.recording.container.chunks import count_messages, find_times, read_chunk, walk_records
+from bench.recording.container.contents import (
     ATTACHMENT,
     CHANNEL,
     HEAD,
@@ -35,7 +35,7 @@ from bench.recording.container import (
     Note,
     describe_chunk,
 )
-from bench.recording.files import RunFiles
+from bench.recording.files.run_files import RunFiles
 
 __all__ = ["scan_container", "scan_further"]
 

@@ -15,16 +15,16 @@ from pathlib import Path, PurePath
 from bench.config import Config, parse_config
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.model import DeviceInfo, RecorderStats
-from bench.recording.columns import Columns
-from bench.recording.container import Container, DamagedError
-from bench.recording.files import RunFiles, opened
-from bench.recording.joining import find_parts, join_parts
-from bench.recording.loading import Span, read_messages, read_topics, split_spans
-from bench.recording.notes import find_attachment
-from bench.recording.part_names import FIRST_NUMBER, PART, read_number
-from bench.recording.scanning import scan_container
-from bench.recording.status import PartFacts, RunStatus, count_by_topic, describe_status, list_facts
-from bench.recording.topics import BODIES, FRAME, POINTS, STATS, Message
+from bench.recording.container.contents import Container, DamagedError
+from bench.recording.container.notes import find_attachment
+from bench.recording.container.scanning import scan_container
+from bench.recording.files.part_names import FIRST_NUMBER, PART, read_number
+from bench.recording.files.run_files import RunFiles, opened
+from bench.recording.messages.topics import BODIES, FRAME, POINTS, STATS, Message
+from bench.recording.reading.columns import Columns
+from bench.recording.reading.joining import find_parts, join_parts
+from bench.recording.reading.loading import Span, read_messages, read_topics, split_spans
+from bench.recording.reading.status import PartFacts, RunStatus, count_by_topic, describe_status, list_facts
 
 __all__ = ["Run", "open_run"]
 

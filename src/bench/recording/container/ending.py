@@ -16,7 +16,7 @@ from typing import Any
 from mcap import records
 from mcap.data_stream import RecordBuilder
 
-from bench.recording.container import HEAD, INDEX_HEAD, MAGIC, Chunk
+from bench.recording.container.contents import HEAD, INDEX_HEAD, MAGIC, Chunk
 
 __all__ = ["Ending", "encode_records"]
 

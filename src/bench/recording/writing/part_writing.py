@@ -9,10 +9,10 @@ from typing import Any, NamedTuple
 
 from mcap.writer import CompressionType, Writer
 
-from bench.recording.output import OutputFile, explained
-from bench.recording.part_names import CONTINUES
-from bench.recording.schemas import load_schema
-from bench.recording.topics import TOPICS
+from bench.recording.files.output import OutputFile, explained
+from bench.recording.files.part_names import CONTINUES
+from bench.recording.messages.schemas import load_schema
+from bench.recording.messages.topics import TOPICS
 
 __all__ = ["FORMAT_VERSION", "Attachment", "PartEnding", "RunPart"]
 

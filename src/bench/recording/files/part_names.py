@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.recording.output import active_path
+from bench.recording.files.output import active_path
 
 __all__ = ["CONTINUES", "FIRST_NUMBER", "PART", "find_first", "list_parts", "part_path", "read_number"]
 

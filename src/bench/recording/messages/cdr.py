@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.recording.schemas import PRIMITIVES, Field, Schema
+from bench.recording.messages.schemas import PRIMITIVES, Field, Schema
 
 __all__ = ["HEADER", "CdrError", "Layout", "Leaf", "decode", "encode"]
 

@@ -1,7 +1,7 @@
 """The message definitions of a run file: ros2msg texts, packaged as files, and their meaning as field tables.
 
 The text is the only description of a layout: the encoder, the numpy dtype and the reader's columns are all derived
-from it (`bench.recording.cdr`), and a reader derives them again from the text it finds in the file.
+from it (`bench.recording.messages.cdr`), and a reader derives them again from the text it finds in the file.
 
 References
 ----------
@@ -100,7 +100,11 @@ def load_schema(name: str) -> Schema:
 
 def _read_text(key: str) -> str:
     package, message = key.split("/")
-    return resources.files("bench.recording").joinpath("msg", package, f"{message}.msg").read_text(encoding="utf-8")
+    return (
+        resources.files("bench.recording.messages")
+        .joinpath("msg", package, f"{message}.msg")
+        .read_text(encoding="utf-8")
+    )
 
 
 def _with_dependencies(key: str) -> list[str]:
