@@ -13,8 +13,8 @@ from bench.recording.container.chunks import Data, read_offsets
 from bench.recording.container.contents import Chunk, DamagedError
 from bench.recording.files.run_files import RunFiles
 from bench.recording.reading import batches
-from bench.recording.reading.ahead import work_in_turn
 from bench.recording.reading.gathering import MESSAGE_HEAD
+from bench.recording.reading.in_turn import work_in_turn
 
 N_RECORDS = 60
 

@@ -16,11 +16,11 @@ from bench.recording.files.run_files import RunFiles, opened
 from bench.recording.messages.cdr import CdrError
 from bench.recording.messages.schemas import Schema, load_schema, parse_schema
 from bench.recording.messages.topics import BODIES, FRAME, LOG, POINTS, TOPICS, Message
-from bench.recording.reading.ahead import work_in_turn
 from bench.recording.reading.batches import Batch, find_messages, group_chunks, unpack_batch
 from bench.recording.reading.collecting import Collector, make_collector
 from bench.recording.reading.columns import HEAD_COLUMNS, Array, Columns
 from bench.recording.reading.gathering import read_message
+from bench.recording.reading.in_turn import work_in_turn
 
 __all__ = ["Span", "read_messages", "read_topics", "split_spans"]
 
