@@ -22,23 +22,20 @@ TURNS_PER_S = 1000
 """Each with three robot states and a tracker frame, which is two messages: 5 000 messages a second."""
 N_POINTS = 10
 SECONDS, FULL_SECONDS = 10, 60
+SPLIT_BYTES = 1_000_000
+"""A part for about each second: far more often than anybody splits a recording."""
 STALL_LIMIT_MS = 0.2
 CPU_LIMIT = 0.1
 
 
 def measure_recording(full: bool) -> list[Row]:
-    """Hand over records at a fixed rate: to nobody, and to the recorder."""
+    """Hand over records at a fixed rate: to nobody, to the recorder, and to one that splits the recording."""
     seconds = FULL_SECONDS if full else SECONDS
     nobody: deque[Record] = deque(maxlen=1000)
     without, late_without = _pace(nobody.append, seconds)
-    with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as folder:
-        writer = RunWriter(Path(folder) / "run.mcap", RunClock.start(), config_toml="", versions={}, run_id="benchmark")
-        clock = _find_cpu_clock()
-        begin_s = time.clock_gettime(clock)
-        recorded, late = _pace(writer.put, seconds)
-        cpu = (time.clock_gettime(clock) - begin_s) / seconds
-        writer.close(exit_status="success", reason="")
-    dropped = sum(stats.dropped for stats in writer.stats.values())
+    writer, recorded, late, cpu = _record(seconds, 0)
+    splitting, in_parts, _, _ = _record(seconds, SPLIT_BYTES)
+    dropped = sum(stats.dropped for one in (writer, splitting) for stats in one.stats.values())
     written = sum(stats.written for topic, stats in writer.stats.items() if topic.startswith(("/robot", "/tracker")))
     added = np.percentile(recorded, 99.9) - np.percentile(without, 99.9)
     what = "writing 5 000 messages/s: "
@@ -46,9 +43,27 @@ def measure_recording(full: bool) -> list[Row]:
         Row(what + "written, dropped", f"{written}, {dropped}", f"{seconds * TURNS_PER_S * 5}, 0", "-"),
         ratio_row(what + "added stall of the acquiring thread, p99.9, ms", added, STALL_LIMIT_MS, "limit"),
         _compare(what + "handing over", recorded, without),
+        _compare(what + f"handing over, in {len(splitting.paths)} parts", in_parts, without),
         _compare(what + "from due to handed over", late, late_without),
         ratio_row(what + "the writer's thread, cores", cpu, CPU_LIMIT, "limit"),
     ]
+
+
+def _record(
+    seconds: int, split_bytes: int
+) -> tuple[RunWriter, npt.NDArray[np.float64], npt.NDArray[np.float64], float]:
+    """Return the closed writer, how long handing over took and how late it was, and the share of a core it used."""
+    with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as folder:
+        path = Path(folder) / "run.mcap"
+        writer = RunWriter(
+            path, RunClock.start(), config_toml="", versions={}, run_id="benchmark", split_bytes=split_bytes
+        )
+        clock = _find_cpu_clock()
+        begin_s = time.clock_gettime(clock)
+        recorded, late = _pace(writer.put, seconds)
+        cpu = (time.clock_gettime(clock) - begin_s) / seconds
+        writer.close(exit_status="success", reason="")
+    return writer, recorded, late, cpu
 
 
 def _find_cpu_clock() -> int:

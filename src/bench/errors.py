@@ -22,8 +22,6 @@
         RecordingUnfinishedError    cannot be read as a run file
       AnalysisError          6      the result
         TooFewMarkersError          no curve can be drawn through what was seen
-        AmbiguousOrderError         no order of the markers can be told
-        InvariantError              a result contradicts itself
 """
 
 from __future__ import annotations
@@ -31,7 +29,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 __all__ = [
-    "AmbiguousOrderError",
     "AnalysisError",
     "BenchError",
     "ConfigError",
@@ -43,7 +40,6 @@ __all__ = [
     "DeviceTimeoutError",
     "DiskFullError",
     "IllegalTransitionError",
-    "InvariantError",
     "LinkLostError",
     "PreflightError",
     "ProtocolError",
@@ -122,7 +118,8 @@ class PreflightError(RunError):
     """
 
     def __init__(self, failures: Sequence[str], *, exit_code: int | None = None, hint: str = "") -> None:
-        super().__init__("Preflight failed: " + " ".join(failures), hint=hint)
+        between = "\n  - " if len(failures) > 1 else " "
+        super().__init__(f"Preflight failed:{between}{between.join(failures)}", hint=hint)
         self.failures = tuple(failures)
         if exit_code is not None:
             self.exit_code = exit_code
@@ -165,12 +162,4 @@ class AnalysisError(BenchError):
 
 
 class TooFewMarkersError(AnalysisError):
-    pass
-
-
-class AmbiguousOrderError(AnalysisError):
-    pass
-
-
-class InvariantError(AnalysisError):
     pass

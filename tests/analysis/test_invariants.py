@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from take_examples import frames_of, settings_of
 
-from bench.analysis import MarkerReason, PointFrames, SortedMarkers, SortSettings, take_broken_away
+from bench.analysis import MarkerReason, PointFrames, SortedMarkers, SortSettings, take_broken_away, tell_broken
 from bench.analysis.sorting.gates import make_gates
 from bench.analysis.sorting.invariants import find_leaps, find_shared_points, find_wrong_spacings
 from bench.simulation.made_motions import HELD_OUT
@@ -52,6 +52,15 @@ def test_labels_exchanged_in_one_frame_are_taken_away_there_and_nowhere_else(see
     assert np.all(found.marker_confidence[frame, [marker, marker + 1]] == 0)
     assert np.array_equal(np.delete(found.source, frame, axis=0), np.delete(TAKE.source, frame, axis=0))
     assert f"In 1 of {len(source)} frames" in found.warnings[-1]
+
+
+def test_what_breaks_an_invariant_is_counted_and_left_where_it_shall_not_be_taken_away() -> None:
+    source, frame = TAKE.source.copy(), complete_frame(np.random.default_rng(5))
+    source[frame, [2, 3]] = source[frame, [3, 2]]
+    told = tell_broken(FRAMES, as_sorted(source), CABLE)
+    assert np.array_equal(told.source, source)
+    assert f"In 1 of {len(source)} frames" in told.warnings[0]
+    assert tell_broken(FRAMES, as_sorted(TAKE.source), CABLE).warnings == []
 
 
 def test_a_marker_too_far_from_both_neighbours_is_the_one_to_blame() -> None:

@@ -9,7 +9,7 @@ from motion_examples import CABLE, move_cable, record
 
 from bench.analysis.kernels import motion_bridges, point_links, track_fits
 from bench.analysis.sorting.marker_motion import learn_motion
-from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks
+from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks, measure_gates
 
 Loop = Callable[..., object]
 TIME_S = np.arange(0, 0.4, 0.02)
@@ -41,6 +41,18 @@ def test_linking_agrees_with_its_python() -> None:
     agree(point_links.measure_turns, points, offsets, TIME_S, np.arange(2, 10), 2, 3.0)
     tracks = agree(point_links.link_points, points, offsets, TIME_S, 20.0, 2e-3, 3.0, 0.05)[0]
     assert np.max(np.asarray(tracks)) < len(points) / 3
+
+
+def test_a_point_that_is_thrown_round_ever_more_sharply_stays_one_track() -> None:
+    time_s = np.arange(0, 0.3, 0.01)
+    turning = np.clip((time_s - 0.05) / 0.1, 0.0, 1.0) * 60.0
+    points = np.zeros((len(time_s), 3))
+    points[:, 0] = np.cumsum(np.cumsum(turning) * 0.01) * 0.01
+    given = points, np.arange(len(points) + 1), time_s
+    assert np.all(point_links.link_points(*given, 20.0, 1e-3, 5.0, 0.05) == 0)
+    sudden = points.copy()
+    sudden[20:, 1] += 0.02  # no cable: from one frame to the next, without a sharper and sharper turn before
+    assert point_links.link_points(sudden, *given[1:], 20.0, 1e-3, 5.0, 0.05)[20] == 1
 
 
 def filtered(seen: np.ndarray, place_m: Floats) -> tuple[Floats, Floats]:
@@ -78,7 +90,8 @@ def test_a_bridge_joins_place_and_speed_on_both_sides() -> None:
 
 def test_fitting_agrees_with_its_python() -> None:
     recording = record(2, TIME_S, miss=0.1, ghosts=2.0)
-    tracks = link_tracks(leave_out_twins(recording.frames))
+    frames = leave_out_twins(recording.frames)
+    tracks = link_tracks(frames, measure_gates(frames, np.arange(len(frames))))
     source = np.where(recording.source >= 0, tracks.offsets[:-1, None] + recording.source, -1).T.astype(np.int64)
     source[3, 5:9] = -1
     source = np.ascontiguousarray(source)

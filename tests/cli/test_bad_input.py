@@ -15,8 +15,10 @@ def test_an_unreachable_robot_and_tracker_are_both_named(tmp_path: Path) -> None
     config = tmp_path / "lab.toml"
     config.write_text(text)
     message = one_sentence(bench("run", config, "--cycles", "1", "--output", tmp_path / "a.mcap"), 3)
-    assert "30004" in message
-    assert "1510" in message
+    robot, tracker = message.splitlines()[1:]
+    assert robot.startswith("  - ")
+    assert "30004" in robot
+    assert "1510" in tracker
     assert list(tmp_path.glob("*.mcap*")) == []
 
 

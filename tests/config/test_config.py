@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -91,7 +92,58 @@ def test_a_contradiction_is_one_sentence(old: str, new: str, sentence: str) -> N
 
 
 def test_text_that_is_no_toml_names_the_line() -> None:
-    assert "not valid TOML" in fault("[cable\nlength_m = 1")
+    assert "lab.toml, line 1 is not valid TOML: [cable (" in fault("[cable\nlength_m = 1")
+
+
+@pytest.mark.parametrize(
+    ("line", "advice"),
+    [
+        ("diameter_mm = 8,0", "Write a decimal point, not a comma."),
+        ("diameter_mm = 8.0 mm  # outside", "Write the number alone: its unit is part of the key."),
+        ("host = 192.168.0.10", 'Put an address in quotes: "192.168.0.10".'),
+        ("kind = ur", 'Put text in quotes: "text"; true and false stand without.'),
+        ("name = “seven”", 'Use straight quotes: "text".'),
+        ('name = "seven', "The quote at the end of the text is missing."),
+        ('output_dir = "C:\\Users\\lab"', "In a path write / instead of \\, or put it in single quotes."),
+        ("length_m =", "The value is missing."),
+        ("length_m 1.2", "Write: key = value."),
+        ("[cable", "The bracket ] at the end is missing."),
+        ("places = [0.1, 0.2\nlength_m = 1.2", "The list before this line has no ] at its end."),
+        ("[cable]\n[cable]", "[cable] ([cable] stands twice)."),
+        ("a = 1\na = 2", "this key stands twice in its table"),
+    ],
+)
+def test_a_line_that_is_no_toml_is_shown_with_what_to_write_instead(line: str, advice: str) -> None:
+    message = fault(line)
+    assert "is not valid TOML: " in message
+    assert advice in message
+    assert re.match(r"lab\.toml, line [12] ", message)
+
+
+def test_a_text_that_is_never_closed_is_said_where_the_file_ends() -> None:
+    assert "line 3 is not" in fault('a = """b\nc\nd\n')
+    assert fault('a = """b\nc\nd\n').endswith("A bracket or a quote that was opened is not closed.")
+
+
+def test_a_value_out_of_its_range_says_what_the_key_means() -> None:
+    message = fault(TAKE.replace("minimum_bend", "shorten = 25\nminimum_bend"))
+    assert "cable.shorten = 25: it must be less than 1 (" in message
+    assert "how much a chord may shorten" in message
+
+
+def test_a_name_with_a_blank_or_a_slash_says_what_may_stand_in_it() -> None:
+    assert "only letters, digits, '.', '_' and '-' can stand in it" in fault(f'{TAKE}\n[run]\nname = "a b/7"\n')
+
+
+def test_the_mark_before_the_text_that_editors_on_windows_leave_is_read_over(tmp_path: Path) -> None:
+    (tmp_path / "lab.toml").write_bytes(b"\xef\xbb\xbf" + TAKE.encode())
+    assert load_config(tmp_path / "lab.toml") == parse_config(TAKE, "x")
+
+
+def test_a_recording_given_as_configuration_is_called_one(tmp_path: Path) -> None:
+    (tmp_path / "run.mcap").write_bytes(b"\x89MCAP0\r\n\xff")
+    with pytest.raises(ConfigError, match=r"It is a recording: `bench report` and `bench info` take it\."):
+        load_config(tmp_path / "run.mcap")
 
 
 def test_a_file_that_cannot_be_read_is_a_config_error(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def test_a_typo_in_a_ur_table_is_told_as_ever() -> None:
 
 def test_an_unknown_kind_names_both() -> None:
     assert fault('kind = "modbus"', 'kind = "kuka"') == (
-        "plc.toml, line 11: robot.kind = 'kuka': input should be 'ur' or 'modbus'."
+        "plc.toml, line 11: robot.kind = 'kuka': it must be 'ur' or 'modbus'."
     )
 
 
@@ -65,7 +65,7 @@ def test_a_typo_deep_in_the_map_has_its_line_and_a_suggestion() -> None:
             COUNTER.replace("u16", "u32") + ", restarts = false",
             "grant as u16 cannot follow a u32 counter that",
         ),
-        ("byte_order", "read_max = 126\nbyte_order", "input should be less than or equal to 125"),
+        ("byte_order", "read_max = 126\nbyte_order", "it must be less than or equal to 125"),
         (STATE, 'state = { table = "coil", address = 0,', "a coil is one bit: its type is 'bool', not 'u16'"),
         (STATE, STATE + " bit = 3,", "bit = 0 to 15 belongs to a bool in a register"),
         (STATE, STATE + " scale = 0.0,", "scale = 0 would make every value the same"),

@@ -90,6 +90,8 @@ What is missing is NaN, or -1 for an integer, never 0. Lengths are metres, angle
 | `bench.cycles` | how many cycles were completed |
 | `bench.resumed_from` | of a run that goes on with another: its run id and file, cycles completed and recorded |
 | `bench.import` | for imported takes: file, checksum, format, what its header promised |
+| `bench.part` | of a run that is split by size: number of the part, the first one's file, messages written before it |
+| `bench.continues` | at the end of each part but the last: the file in which the run goes on, and the counts so far |
 | `bench.salvage` | `lost`: of a file made by `bench salvage`, what was lost |
 | `bench.end` | exit status, reason, and for each topic received, written, dropped, missed; longest queue and sync |
 

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, Writer
 from recording_examples import T0_NS, make_frame, make_state, one_of_each, write_run
 
 from bench.model import Record
-from bench.recording import BODIES, POINTS, ROBOT, Columns, Run, ahead, open_run
+from bench.recording import BODIES, POINTS, ROBOT, Columns, Run, batches, open_run
 
 MS = 1_000_000
 PER_POINT = ("points_m", "residual_m", "ids", "flags")
@@ -99,14 +99,14 @@ def test_a_stretch_is_read_without_the_other_chunks(tmp_path: Path, monkeypatch:
     run = open_in_small_chunks(tmp_path, records_at(list(range(60))))
     n_read = 0
 
-    original = ahead.read_chunk
+    original = batches.read_chunk
 
     def counting(*arguments: object) -> bytes:
         nonlocal n_read
         n_read += 1
         return original(*arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(ahead, "read_chunk", counting)
+    monkeypatch.setattr(batches, "read_chunk", counting)
     run.read([ROBOT], T0_NS + 10 * MS, T0_NS + 11 * MS)
     one_stretch, n_read = n_read, 0
     run.load([ROBOT])

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import pytest
 from recording_examples import T0_NS, make_state, open_writer
-from writing_process import Loss, kill_after, measure_loss, writing_process
+from writing_process import Loss, find_first_part, kill_after, measure_loss, writing_process
 
 from bench.errors import BenchError, RecordingError, RecordingExistsError
 from bench.recording import ROBOT, STATS, RunWriter, open_run
@@ -84,12 +84,13 @@ def ext4(tmp_path: Path) -> Iterator[tuple[Path, Path]]:
     subprocess.run(["umount", folder], check=True)
 
 
+@pytest.mark.parametrize("split_bytes", [0, SPLIT_BYTES], ids=["one file", "in parts"])
 def test_what_was_put_until_a_second_before_the_power_fails_is_on_the_disk(
-    tmp_path: Path, ext4: tuple[Path, Path]
+    tmp_path: Path, ext4: tuple[Path, Path], split_bytes: int
 ) -> None:
     folder, image = ext4
     shared = tmp_path / "shared"
-    with writing_process(folder / "run.mcap", shared) as child:
+    with writing_process(folder / "run.mcap", shared, split_bytes=split_bytes) as child:
         threading.Event().wait(random.uniform(1.5, 2.5))
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -102,7 +103,7 @@ def test_what_was_put_until_a_second_before_the_power_fails_is_on_the_disk(
     subprocess.run(["umount", folder], check=True)
     subprocess.run(["mount", "-o", "loop", image, folder], check=True)
     shared.write_bytes(put)
-    assert_within_the_promise(measure_loss(folder / "run.mcap.active", shared))
+    assert_within_the_promise(measure_loss(find_first_part(folder), shared))
 
 
 def test_a_second_bench_on_the_same_output_is_refused_and_the_first_goes_on(tmp_path: Path) -> None:

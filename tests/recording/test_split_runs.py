@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 from recording_examples import (
     MINIMAL_TOML,
     T0_NS,
@@ -25,7 +26,7 @@ from recording_examples import (
 )
 
 from bench.cli.info import info
-from bench.errors import BenchError, DiskFullError, RecordingExistsError
+from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 from bench.model import DeviceInfo, Record
 from bench.recording import FRAME, LOG, POINTS, ROBOT, STATS, TOPICS, Run, RunFollower, open_run
 from bench.timing import ManualClock
@@ -155,6 +156,21 @@ def test_every_part_is_a_whole_file_that_says_what_run_it_is_of(tmp_path: Path) 
     assert open_run(tmp_path / "run.mcap").devices == [device]
 
 
+def test_what_each_part_repeats_is_never_most_of_it(tmp_path: Path) -> None:
+    large = {"program.urp": bytes(20_000)}
+    run = open_run(write_split(tmp_path / "run.mcap", states_and_frames(), attachments=large))
+    assert len(run.parts) > 1
+    assert all(one.bytes_total > 40_000 for one in run.parts[:-1])
+    assert run[ROBOT].sequence.tolist() == list(range(N_RECORDS))
+
+
+def test_an_attachment_that_is_damaged_in_one_part_is_read_from_another(split: Path) -> None:
+    data = bytearray(split.read_bytes())
+    data[data.rindex(b"minimum_bend_radius_mm", 0, data.index(CHUNK))] ^= 1
+    split.write_bytes(data)
+    assert open_run(split).read_attachment("config.toml").decode() == MINIMAL_TOML
+
+
 def test_a_run_that_stays_below_the_size_is_one_file(tmp_path: Path) -> None:
     path = write_split(tmp_path / "run.mcap", states_and_frames(), 1_000_000)
     run = open_run(path)
@@ -192,6 +208,14 @@ def test_a_later_part_by_its_own_name_is_read_alone_and_says_so(split: Path) -> 
     assert 0 < len(run[ROBOT].sequence) < N_RECORDS
 
 
+def test_a_missing_first_part_is_an_error_that_names_a_later_one(split: Path) -> None:
+    split.unlink()
+    with pytest.raises(RecordingError, match=r"run\.mcap cannot be opened") as caught:
+        open_run(split)
+    assert caught.value.hint.endswith("run.2.mcap is called like a later part of it, and can be read alone.")
+    assert open_run(part(split.parent, 2)).part_number == 2
+
+
 def test_a_missing_part_costs_what_is_in_it_and_is_named(split: Path) -> None:
     lost, n_lost = read_states(part(split.parent, 3)), sum(open_run(part(split.parent, 3)).topics.values())
     part(split.parent, 3).unlink()
@@ -220,7 +244,17 @@ def test_a_missing_last_part_is_missed_by_the_one_before(split: Path) -> None:
     assert run[ROBOT].sequence.tolist() == list(range(len(run[ROBOT].sequence)))
 
 
-@pytest.mark.parametrize("kind", ["another run", "junk", "another part", "empty"])
+def write_with_other_channels(path: Path) -> None:
+    with path.open("wb") as stream:
+        writer: Any = Writer(stream)
+        writer.start()
+        writer.add_metadata("bench.run", {"run_id": "run-7"})
+        schema = writer.register_schema("bench_msgs/msg/RobotState", "ros2msg", b"int64 sequence")
+        writer.add_message(writer.register_channel("/another/topic", "cdr", schema), 1, b"", 1)
+        writer.finish()
+
+
+@pytest.mark.parametrize("kind", ["another run", "junk", "another part", "empty", "cut", "other channels"])
 def test_what_is_only_called_like_a_part_is_none(tmp_path: Path, kind: str) -> None:
     path = write_split(tmp_path / "run.mcap", states_and_frames())
     kept = read_states(part(tmp_path, 2))
@@ -229,11 +263,14 @@ def test_what_is_only_called_like_a_part_is_none(tmp_path: Path, kind: str) -> N
         write_split(part(tmp_path, 2), [make_state(77)], 0, run_id="another")
     elif kind == "another part":
         shutil.copy(part(tmp_path, 4), part(tmp_path, 2))
+    elif kind == "other channels":
+        write_with_other_channels(part(tmp_path, 2))
     else:
-        part(tmp_path, 2).write_bytes(b"" if kind == "empty" else b"no mcap")
+        junk = {"empty": b"", "junk": b"no mcap", "cut": path.read_bytes()[:60]}
+        part(tmp_path, 2).write_bytes(junk[kind])
     run = open_run(path)
     assert run[ROBOT].sequence.tolist() == [i for i in range(N_RECORDS) if i not in kept]
-    assert run.status.lost.startswith("run.2.mcap (there is run.2.mcap, but it ")
+    assert run.status.lost.startswith("run.2.mcap (there is run.2.mcap, but ")
 
 
 def test_the_neighbour_of_a_run_in_one_file_is_not_its_part(tmp_path: Path) -> None:
@@ -311,12 +348,14 @@ def test_a_name_that_is_free_again_is_used_one_size_later(tmp_path: Path, monkey
     assert "Permission denied" in run[LOG].text[0]
 
 
-def test_a_run_is_refused_where_a_later_parts_name_is_taken(tmp_path: Path) -> None:
-    (tmp_path / "run.3.mcap.active").write_bytes(b"precious")
-    with pytest.raises(RecordingExistsError, match=r"run\.3\.mcap\.active exists already") as caught:
+@pytest.mark.parametrize(("name", "is_folder"), [("run.3.mcap.active", False), ("run.2.mcap", True)])
+def test_a_run_is_refused_where_a_later_parts_name_is_taken(tmp_path: Path, name: str, is_folder: bool) -> None:
+    taken = tmp_path / name
+    taken.mkdir() if is_folder else taken.write_bytes(b"precious")
+    with pytest.raises(RecordingExistsError, match=rf"{name} exists already") as caught:
         open_writer(tmp_path / "run.mcap", split_bytes=SPLIT_BYTES)
     assert "A later part of this run would have that name." in caught.value.hint
-    assert [path.name for path in tmp_path.iterdir()] == ["run.3.mcap.active"]
+    assert list(tmp_path.iterdir()) == [taken]
     assert open_run(write_split(tmp_path / "run.mcap", [make_state(1)], 0)).status.complete
 
 

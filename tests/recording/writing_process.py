@@ -128,8 +128,13 @@ def kill_after(folder: Path, seconds: float, sync_takes_s: float = 0.0, split_by
         threading.Event().wait(seconds)
         child.send_signal(signal.SIGKILL)
         child.wait()
-    active = path.with_name("run.mcap.active")
-    return measure_loss(active if active.exists() else path, shared)
+    return measure_loss(find_first_part(folder), shared)
+
+
+def find_first_part(folder: Path) -> Path:
+    """Return the file of an unfinished run, or the first of its parts: only the newest of them is still active."""
+    active = folder / "run.mcap.active"
+    return active if active.exists() else folder / "run.mcap"
 
 
 def sweep(n: int, sync_takes_s: float, split_bytes: int) -> None:

@@ -112,6 +112,16 @@ def test_the_rods_table_has_the_true_radius_and_the_error_of_the_peak(study):
     assert rods.rows[-1][1] == "0.00 ± 0.00, 100"
 
 
+def test_the_page_begins_with_what_the_methods_in_use_err_by(tmp_path):
+    subjects = [make_paper_subjects()[0], make_rod_subject(0.1, make_arc(Circle(0.4)), 6)]
+    study = run_study(subjects, {"menger_gp": fit_spline, "elastica": needs_clamps}, 2e-4)
+    text = write_study_page(study, {"bench": "0"}, tmp_path).read_text("utf-8")
+    first = text[text.index("<main>") : text.index("What was done")]
+    names = ["Circle, markers alone", "Beside a clamp, markers alone", "Beside a clamp, clamps given"]
+    assert [first.index(name) for name in names] == sorted(first.index(name) for name in names)
+    assert "where the true smallest radius is 400 mm" in first
+
+
 def test_tables_and_page_of_the_study(study, tmp_path):
     write_study_tables(study, {"bench": "0"}, tmp_path)
     page = write_study_page(study, {"bench": "0"}, tmp_path)
@@ -120,7 +130,12 @@ def test_tables_and_page_of_the_study(study, tmp_path):
     summary = json.loads((tmp_path / "summary.json").read_text("utf-8"))
     assert summary["shapes"]["circle"]["smallest_radius_mm"] == pytest.approx(400)
     text = page.read_text("utf-8")
-    for part in ("15.5", "12.0", "around 15 %", "It needs both clamps.", "Catenary, tracked."):
+    for part in (
+        "up to 15.5 % on the ideal circle (around 15 %",
+        "and 12.0 %",
+        "It needs both clamps.",
+        "Catenary, tracked.",
+    ):
         assert part in text
     assert text.count("<svg") == 5
     reference = RESULTS_PAGE.read_text("utf-8")

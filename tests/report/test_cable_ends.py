@@ -92,6 +92,16 @@ def test_a_rigid_body_at_the_end_tells_its_place_and_direction(tmp_path: Path) -
     assert not [text for text in results.warnings if "cable's end" in text]
 
 
+def test_an_end_that_is_too_vague_for_the_curve_is_said_not_to_be_used(tmp_path: Path) -> None:
+    def describe(spec: RunSpec, name: str) -> list[str]:
+        (tmp_path / name).mkdir()
+        notes = analyse(tmp_path / name, replace(spec, n_cycles=1))[0].method_notes["curvature"]
+        return [text for text in notes if "[cable.end]" in text]
+
+    assert "10 mm" in describe(HELD, "vague")[0]
+    assert describe(replace(HELD, extra_toml=HELD.extra_toml + "clamp_m = [0.0, 0.0, 0.0]\n"), "known") == []
+
+
 def test_an_end_that_no_cable_reaches_is_a_warning(tmp_path: Path) -> None:
     results, truth = analyse(tmp_path, replace(HELD, change_points=hold_end(0.3)))
     assert any("mm from the cable's end" in text and "clamp_m" in text for text in results.warnings)

@@ -204,7 +204,7 @@ def test_a_name_that_is_no_unicode_text_can_be_written(tmp_path):
     ("outcome", "meaning"),
     [
         (Outcome.FAIL, "The cable did not pass."),
-        (Outcome.ERROR, "The bench was at fault. This is no verdict on the cable."),
+        (Outcome.ERROR, "This is no verdict on the cable: the bench, or what it recorded, was at fault."),
     ],
 )
 def test_the_outcome_is_said_in_words_with_its_reasons(outcome, meaning):

@@ -21,6 +21,7 @@ from bench.report.methods import describe_methods, warn_about_clamps
 from bench.report.results import ClockFinding, StreamFinding
 from bench.report.wording import (
     describe_clocks,
+    describe_cycles,
     describe_ending,
     describe_interval,
     describe_losses,
@@ -34,6 +35,7 @@ from bench.report.wording import (
     say_range,
     say_short_time,
     say_utc,
+    say_versions,
 )
 
 THIN, MINUS = "\u202f", "\u2212"
@@ -208,6 +210,20 @@ def test_a_radius_of_unknown_uncertainty_has_about_four_figures():
 )
 def test_a_short_time_is_told_in_the_unit_that_suits_it(time_us, text):
     assert say_short_time(time_us) == text
+
+
+def test_versions_that_recorded_are_told_from_those_that_analysed():
+    versions = {"recorded with cable-bench": "0.1.0", "recorded with mcap": "1.6.0", "bench": "0.2.0", "python": "3.12"}
+    assert (
+        say_versions(versions) == "recorded with cable-bench 0.1.0, mcap 1.6.0; analysed with bench 0.2.0, python 3.12"
+    )
+    assert say_versions({"bench": "0.2.0"}) == "analysed with bench 0.2.0"
+
+
+def test_cycles_that_are_ok_and_need_a_look_are_not_called_all_ok():
+    headline = summarise(make_results(3))
+    assert describe_cycles(headline, 0) == "all ok"
+    assert describe_cycles(headline, 3) == "all recorded whole"
 
 
 def test_how_much_was_seen_is_said_unless_there_was_nothing_to_see():

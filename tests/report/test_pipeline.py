@@ -27,6 +27,7 @@ from bench.recording import open_run
 from bench.report.pipeline import analyse_run
 from bench.report.results import Results
 
+AT_ORIGIN = 'kind = "static_marker"\nposition_m = [0.0, 0.0, 0.0]'
 POLE = DeviceInfo("tracker", "natnet", "192.0.2.20", "Motive 3.1", 100.0, {1: "pole"})
 OFFSETS = replace(POLE, detail={"body_markers": json.dumps({"pole": BODY_M.tolist()})})
 
@@ -177,6 +178,38 @@ def test_frames_without_a_single_marker_are_an_error_with_its_reason(tmp_path: P
     assert np.isnan(results.bend_map_per_m).all()
 
 
+def test_a_cycle_in_which_nothing_was_found_never_passes(tmp_path: Path) -> None:
+    def hide(index: int, values: dict[str, Any]) -> dict[str, Any]:
+        is_first = START_S <= index / 100 < START_S + CYCLE_S + 0.1
+        return _without_points(index, values) if is_first else values
+
+    results, _ = analyse(tmp_path, RunSpec(anchor=AT_ORIGIN, change_points=hide))
+    assert results.outcome is Outcome.ERROR
+    assert results.outcome_reasons == ["In 1 of 3 cycles no curve can be trusted: 0."]
+
+
+def test_a_run_whose_frames_are_mostly_doubtful_never_passes(tmp_path: Path) -> None:
+    def hide(index: int, values: dict[str, Any]) -> dict[str, Any]:
+        return values if index % 3 == 0 else _without_points(index, values)
+
+    results, _ = analyse(tmp_path, RunSpec(anchor=AT_ORIGIN, change_points=hide))
+    assert results.outcome is Outcome.ERROR
+    assert len(results.outcome_reasons) == 1
+    assert "Only in 33% of the frames of cycles" in results.outcome_reasons[0]
+
+
+def test_a_sorter_chosen_by_name_is_held_to_the_invariants(tmp_path: Path) -> None:
+    def leap(index: int, values: dict[str, Any]) -> dict[str, Any]:
+        points = values["points_m"].copy()
+        if index % 40 == 20:
+            points[np.argsort(np.linalg.norm(points, axis=1))[-1]] += np.float32([0.0, 0.0, 0.1])
+        return {**values, "points_m": points}
+
+    by_paper = 'sorting = "paper"\ngate_tolerance_mm = 40.0'
+    results, _ = analyse(tmp_path, RunSpec(analysis=by_paper, change_points=leap))
+    assert [text for text in results.warnings if "broke an invariant" in text]
+
+
 @pytest.mark.parametrize("robot", [True, False])
 def test_a_recording_without_frames_is_an_error_and_no_crash(tmp_path: Path, robot: bool) -> None:
     results, _ = analyse(tmp_path, RunSpec(robot=robot, change_points=lambda *_: None))
@@ -233,6 +266,12 @@ def test_unlabeled_points_of_a_rigid_body_are_found_by_its_pose(tmp_path: Path) 
 
     spec = RunSpec(anchor=BODY_ANCHOR, devices=[OFFSETS], change_points=without_labels)
     results, truth = analyse(tmp_path, spec)
+    assert np.array_equal(results.frames.source, truth)
+
+
+def test_a_cable_that_is_thrown_round_is_followed_in_every_frame(tmp_path: Path) -> None:
+    results, truth = analyse(tmp_path, RunSpec(n_cycles=1))  # its last marker turns by up to 40 m/s²
+    assert results.methods["sorting"] == "track"
     assert np.array_equal(results.frames.source, truth)
 
 

@@ -14,9 +14,9 @@ from bench.errors import ConfigError, DeviceStateError
 from bench.model import RobotState
 from bench.run.cycle_watcher import CycleWatcher
 from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
+from bench.run.options import RunOptions
 from bench.run.pace import PaceWatch
 from bench.run.plan import describe_plan
-from bench.run.session import RunOptions
 from bench.timing import ManualClock, RunClock
 
 BASE = RobotState(0, 0, 0, 0, 61.25, runtime_state=2, safety_status=1, cycle_count=0, cycle_running=0)

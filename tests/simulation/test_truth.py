@@ -9,6 +9,7 @@ from bench.simulation.cable import PlaceTable
 from bench.simulation.path import JointPath
 from bench.simulation.program import PathProgram
 from bench.simulation.truth import TruthWriter
+from bench.simulation.wear import WearTable
 
 ARC_LENGTH = np.linspace(0.1, 0.9, 5)
 PLACES = np.linspace(0.0, 1.0, 33)
@@ -18,7 +19,7 @@ PATH = JointPath()
 
 
 def open_writer(path):
-    return TruthWriter(path, CURVATURE, ARC_LENGTH, n_markers=3, facts={"tracker_stamp_delay_s": 0.002})
+    return TruthWriter(path, WearTable([CURVATURE], 0), ARC_LENGTH, n_markers=3, facts={"tracker_stamp_delay_s": 0.002})
 
 
 def put_cycles(writer, n_frames):

@@ -59,7 +59,7 @@ from bench.analysis.sorting.chain_spacing import SpacingCalibration, calibrate_s
 from bench.analysis.sorting.following import follow_marker
 from bench.analysis.sorting.free_chain import is_symmetric
 from bench.analysis.sorting.gates import SortSettings, SpacingGates, make_gates
-from bench.analysis.sorting.invariants import take_broken_away
+from bench.analysis.sorting.invariants import take_broken_away, tell_broken
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers, gather_positions
 from bench.analysis.sorting.paper import sort_by_paper
 from bench.analysis.sorting.phase_sorting import sort_by_phase
@@ -214,6 +214,7 @@ __all__ = [
     "spread_frames",
     "summarise_cycles",
     "take_broken_away",
+    "tell_broken",
     "verify_on_shape",
     "whole_take",
 ]

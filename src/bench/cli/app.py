@@ -13,6 +13,7 @@ from bench.cli.calibrate import calibrate
 from bench.cli.check import check
 from bench.cli.compare import compare
 from bench.cli.config import config_app
+from bench.cli.examples import show_examples
 from bench.cli.export import export
 from bench.cli.import_ import import_
 from bench.cli.info import info
@@ -33,24 +34,35 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command("run")(run)
-app.command("check")(check)
-app.command("report")(report)
-app.command("info")(info)
-app.command("calibrate")(calibrate)
-app.command("import")(import_)
-app.command("export")(export)
-app.command("salvage")(salvage)
-app.command("accuracy")(accuracy)
-app.command("compare")(compare)
-app.command("live")(live)
-app.command("simulate")(simulate)
+app.command("run", epilog=show_examples("run"))(run)
+app.command("check", epilog=show_examples("check"))(check)
+app.command("report", epilog=show_examples("report"))(report)
+app.command("info", epilog=show_examples("info"))(info)
+app.command("calibrate", epilog=show_examples("calibrate"))(calibrate)
+app.command("import", epilog=show_examples("import"))(import_)
+app.command("export", epilog=show_examples("export"))(export)
+app.command("salvage", epilog=show_examples("salvage"))(salvage)
+app.command("accuracy", epilog=show_examples("accuracy"))(accuracy)
+app.command("compare", epilog=show_examples("compare"))(compare)
+app.command("live", epilog=show_examples("live"))(live)
+app.command("simulate", epilog=show_examples("simulate"))(simulate)
 app.add_typer(config_app, name="config")
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib import metadata
+
+        print(f"bench {metadata.version('cable-bench')}")
+        raise typer.Exit
 
 
 @app.callback()
 def _options(
     debug: Annotated[bool, typer.Option("--debug", help="Show the traceback of an error.")] = False,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version and exit.")
+    ] = False,
 ) -> None:
     """Take the options that stand before the command."""
 

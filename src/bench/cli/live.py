@@ -47,6 +47,10 @@ def _verify_growing(path: Path) -> None:
             f"{path} cannot be opened: there is no such file.",
             hint="The file of a run that is under way ends in .active.",
         )
+    if path.suffix not in (".mcap", ".active"):
+        raise RecordingError(
+            f"{path} is no run file.", hint="The file of a run that is under way ends in .mcap.active."
+        )
     if path.suffix != ".active":
         raise RecordingError(
             f"{path} is finished: there is nothing to follow.", hint="Open the file itself in Lichtblick or Foxglove."

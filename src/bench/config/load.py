@@ -14,7 +14,8 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
 
 from bench.config.calibration import Calibration
-from bench.config.models import Config
+from bench.config.models import NAME_PATTERN, Config
+from bench.config.syntax import describe_syntax_fault
 from bench.errors import ConfigError
 
 __all__ = [
@@ -27,6 +28,9 @@ __all__ = [
     "to_toml",
 ]
 
+SELF_EXPLAINING = ("value_error", "unknown_kind")
+"""Faults whose sentence is our own: the key's description would say it again."""
+RECORDING_START = b"\x89MCAP"
 Place = tuple[str | int, ...]
 Model = TypeVar("Model", Config, Calibration)
 
@@ -61,18 +65,27 @@ def parse_config(text: str, source: str) -> Config:
 
 def _read(path: Path, what: str) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8-sig")  # editors on Windows put a mark of three bytes before the text
     except OSError as error:
         raise ConfigError(f"The {what} {path} cannot be read: {error.strerror or error}.") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"The {what} {path} is not UTF-8 text (byte {error.start}).") from error
+        raise ConfigError(
+            f"The {what} {path} is not UTF-8 text (byte {error.start}).", hint=_explain_bytes(error.object)
+        ) from error
+
+
+def _explain_bytes(content: bytes) -> str:
+    if content.startswith(RECORDING_START):
+        return "It is a recording: `bench report` and `bench info` take it."
+    return "Save it as UTF-8 in the editor; a configuration is a text file that ends in .toml."
 
 
 def _parse(model: type[Model], text: str, source: str) -> Model:
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise ConfigError(f"{source} is not valid TOML: {error}.") from error
+        sentence, hint = describe_syntax_fault(text, source, error)
+        raise ConfigError(sentence, hint=hint) from error
     try:
         return model.model_validate(data)
     except ValidationError as error:
@@ -112,10 +125,18 @@ def _sentence(fault: ErrorDetails, text: str, source: str, root: type[BaseModel]
         return f"{where}: {key} is not a known key; {_suggestion(str(place[-1]), model)}"
     if fault["type"] == "missing":
         return f"{where}: {key} is missing{_described(str(place[-1]), model)}."
-    message = fault["msg"].removeprefix("Value error, ")
+    message = _say_rule(fault)
     if isinstance(fault["input"], dict | list):
         return f"{where}: {key}: {message}."
-    return f"{where}: {key} = {fault['input']!r}: {message[:1].lower()}{message[1:]}."
+    about = _described(str(place[-1]), model) if place and fault["type"] not in SELF_EXPLAINING else ""
+    return f"{where}: {key} = {fault['input']!r}: {message[:1].lower()}{message[1:]}{about}."
+
+
+def _say_rule(fault: ErrorDetails) -> str:
+    if fault["type"] == "string_pattern_mismatch" and fault["ctx"]["pattern"] == NAME_PATTERN:
+        return "only letters, digits, '.', '_' and '-' can stand in it, and first a letter or a digit"
+    rule = fault["msg"].removeprefix("Value error, ").replace("nput should", "t must", 1)
+    return rule.replace("a valid number", "a number").replace("a valid integer", "a whole number")
 
 
 def _follow(loc: Place, root: type[BaseModel]) -> tuple[Place, type[BaseModel] | None]:

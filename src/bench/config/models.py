@@ -30,7 +30,8 @@ __all__ = [
     "RunConfig",
 ]
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$", max_length=80)]
+NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+Name = Annotated[str, Field(pattern=NAME_PATTERN, max_length=80)]
 Register = Annotated[int, Field(ge=0, le=47)]
 ArcLengths = Annotated[tuple[Annotated[float, Field(ge=0, strict=True)], ...], Field(strict=False)]
 Joints = Annotated[tuple[float, float, float, float, float, float], Field(strict=False)]

@@ -112,6 +112,13 @@ class SimulationConfig(Section):
         "'unlabeled': the loose ones, as its manual says.",
     )
     bending_stiffness_nm2: float = Field(0.02, gt=0, le=100, description="EI of the cable.")
+    half_stiffness_after_cycles: int = Field(
+        0,
+        ge=0,
+        le=10_000_000,
+        description="The cable wears: its bending stiffness falls evenly with every cycle and is half after so many, "
+        "then it stays. 0: it does not wear. Every start of the simulated bench begins with a new cable.",
+    )
     weight_n_per_m: float = Field(1.5, gt=0, le=1000, description="Weight of the cable per metre.")
     remote_control: bool = Field(
         True, description="False: the controller is in local mode, as when its pendant is in use."

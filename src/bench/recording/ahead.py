@@ -1,93 +1,47 @@
-"""Chunks unpacked ahead of whoever takes them apart, in a thread of their own, and small ones put together.
+"""Work in two steps: the first on several items at once, the second on one after the other, in order.
 
-Unpacking and the checksum run without the interpreter's lock, so a second core does them meanwhile. A recorder that
-syncs twice a second leaves chunks of a quarter megabyte, in each of which numpy's calls cost more than its copying.
+Meant for a first step that hardly holds the interpreter's lock, as unpacking, beside a second that mostly does. One
+thread does both for its item: so it finds in its own core's cache what it has prepared, and wherever the longer step
+is, two cores are busy.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from typing import TypeVar
 
-import numpy as np
+__all__ = ["work_in_turn"]
 
-from bench.recording.chunks import Data, Offsets, read_chunk, read_offsets
-from bench.recording.container import Chunk, DamagedError
-from bench.recording.files import RunFiles
+N_THREADS = 2
+"""More would wait for their turn: the second step is nearly half of the work."""
+AHEAD = 16
+"""Items that are begun at most. Half of them are waited for at once: who wakes up for each stops one who works."""
 
-__all__ = ["Batch", "read_ahead"]
-
-BATCH_BYTES = 1 << 20
-"""Chunks are put together up to about this, which a core's own cache still holds."""
-AHEAD = 2
-"""Batches unpacked while one is taken apart, for some take longer than others."""
+_Item = TypeVar("_Item")
+_Prepared = TypeVar("_Prepared")
+_Done = TypeVar("_Done")
 
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """Chunks that follow each other, unpacked into one piece of memory."""
+def work_in_turn(
+    items: Iterable[_Item], prepare: Callable[[_Item], _Prepared], finish: Callable[[_Prepared], _Done]
+) -> Iterator[_Done]:
+    """Yield what `finish` returns of each prepared item; what one of the two raises ends it."""
 
-    chunks: tuple[Chunk, ...]
-    """Those that are undamaged."""
-    data: Data
-    ends: tuple[int, ...]
-    """Where in the data each chunk ends."""
-    offsets: dict[int, Offsets]
-    """Where the messages of each wanted channel begin."""
-    damaged: tuple[tuple[Chunk, DamagedError], ...]
+    def work(item: _Item, before: Future[_Done] | None) -> _Done:
+        prepared = prepare(item)
+        if before is not None:
+            before.result()  # has begun earlier, so it does not wait for this one
+        return finish(prepared)
 
-    def split(self) -> Iterator[Batch]:
-        """Yield the chunks one by one, where they lie."""
-        bounds = {key: np.searchsorted(offsets, [0, *self.ends]) for key, offsets in self.offsets.items()}
-        for i, (chunk, end) in enumerate(zip(self.chunks, self.ends, strict=True)):
-            own = {key: offsets[bounds[key][i] : bounds[key][i + 1]] for key, offsets in self.offsets.items()}
-            yield Batch((chunk,), self.data, (end,), own, ())
-
-
-def read_ahead(files: RunFiles, chunks: Iterable[Chunk], wanted: Collection[int]) -> Iterator[Batch]:
-    """Yield all of the chunks, with the messages of the wanted channels."""
-    with ThreadPoolExecutor(1, "unpacking") as thread:
-        ahead: deque[Future[Batch]] = deque()
-        for group in _group_chunks(chunks):
-            ahead.append(thread.submit(_read_batch, files, group, wanted))
-            if len(ahead) > AHEAD:
-                yield ahead.popleft().result()
-        while ahead:
-            yield ahead.popleft().result()
-
-
-def _group_chunks(chunks: Iterable[Chunk]) -> Iterator[list[Chunk]]:
-    group: list[Chunk] = []
-    size = 0
-    for chunk in chunks:
-        if group and size + chunk.unpacked_size > BATCH_BYTES:
-            yield group
-            group, size = [], 0
-        group.append(chunk)
-        size += chunk.unpacked_size
-    if group:
-        yield group
-
-
-def _read_batch(files: RunFiles, chunks: list[Chunk], wanted: Collection[int]) -> Batch:
-    sound: list[Chunk] = []
-    parts: list[Data] = []
-    offsets: dict[int, list[Offsets]] = {}
-    damaged, ends = [], [0]
-    for chunk in chunks:
-        try:
-            data = read_chunk(files, chunk)
-            found = read_offsets(files, chunk, data, wanted)
-        except DamagedError as error:
-            damaged.append((chunk, error))
-            continue
-        for channel, places in found.items():
-            offsets.setdefault(channel, []).append(places + ends[-1])
-        sound.append(chunk)
-        parts.append(data)
-        ends.append(ends[-1] + len(data))
-    joined = parts[0] if len(parts) == 1 else b"".join(parts)
-    places_in_all = {channel: np.concatenate(places) for channel, places in offsets.items()}
-    return Batch(tuple(sound), joined, tuple(ends[1:]), places_in_all, tuple(damaged))
+    with ThreadPoolExecutor(N_THREADS, "reading") as threads:
+        begun: deque[Future[_Done]] = deque()
+        for item in items:
+            begun.append(threads.submit(work, item, begun[-1] if begun else None))
+            if len(begun) == AHEAD:
+                begun[AHEAD // 2].result()
+                while begun and begun[0].done():
+                    yield begun.popleft().result()
+        while begun:
+            yield begun.popleft().result()

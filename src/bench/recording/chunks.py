@@ -22,11 +22,13 @@ from bench.recording.files import RunFiles
 __all__ = [
     "Data",
     "Offsets",
+    "are_messages",
     "count_messages",
     "find_times",
     "has_sound_index",
     "index_messages",
     "read_chunk",
+    "read_index",
     "read_offsets",
     "walk_records",
 ]
@@ -94,7 +96,7 @@ def has_sound_index(files: RunFiles, chunk: Chunk, data: Data) -> bool:
         expected += HEAD.size + INDEX_HEAD.size
         entries = np.frombuffer(files.pread(16 * n, position, chunk.part), "<i8")
         times, offsets = entries[0::2], entries[1::2]
-        if position != expected or len(entries) != 2 * n or not _are_messages(data, np.sort(offsets), channel):
+        if position != expected or len(entries) != 2 * n or not are_messages(data, np.sort(offsets), channel):
             return False
         expected += 16 * n
         if (_read_i64(data, offsets + HEAD.size + 6) != times).any():
@@ -111,16 +113,16 @@ def _read_i64(data: Data, offsets: Offsets) -> npt.NDArray[np.int64]:
 
 def read_offsets(files: RunFiles, chunk: Chunk, data: Data, wanted: Collection[int]) -> dict[int, Offsets]:
     """Return where the messages of each wanted channel begin in the unpacked `data`; the head of each is whole."""
-    found = _read_index(files, chunk, wanted)
+    found = read_index(files, chunk, wanted)
     is_sound = all(
-        len(offsets) == chunk.index[key][1] and _are_messages(data, offsets, key) for key, offsets in found.items()
+        len(offsets) == chunk.index[key][1] and are_messages(data, offsets, key) for key, offsets in found.items()
     )
     if not chunk.index or not is_sound:
         found = {key: offsets for key, offsets in _walk_messages(data).items() if key in wanted}
     return found
 
 
-def _read_index(files: RunFiles, chunk: Chunk, wanted: Collection[int]) -> dict[int, Offsets]:
+def read_index(files: RunFiles, chunk: Chunk, wanted: Collection[int]) -> dict[int, Offsets]:
     """Return what the index says; of an index that is not all there, nothing."""
     places = {key: place for key, place in chunk.index.items() if key in wanted}
     start = min((position for position, _ in places.values()), default=0)
@@ -131,7 +133,7 @@ def _read_index(files: RunFiles, chunk: Chunk, wanted: Collection[int]) -> dict[
     return {key: np.sort(np.frombuffer(raw, "<i8", 2 * n, at - start)[1::2]) for key, (at, n) in places.items()}
 
 
-def _are_messages(data: Data, offsets: Offsets, channel: int) -> bool:
+def are_messages(data: Data, offsets: Offsets, channel: int) -> bool:
     """Check that the index, which has no checksum of its own, points at messages of its channel, at each once."""
     n_places = len(data) - HEAD.size - _MESSAGE_HEAD + 1
     if len(offsets) == 0:

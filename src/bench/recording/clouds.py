@@ -27,6 +27,12 @@ _MOVED = np.dtype([("points_m", "V12"), ("residual_m", "<f4"), ("ids", "<u4"), (
 """A point as it is copied: numpy moves the three coordinates as bytes at once, and not number by number."""
 
 
+SPARE = 1.05
+"""Room for points, times what all frames take if the rest has as many each; what is never filled takes no memory."""
+MOST_AHEAD = 64.0
+"""Times the points that are there: a few large frames do not ask for more than a machine has."""
+
+
 class CloudCollector:
     """Point clouds: all at once where they differ in nothing but stamp and points, as ours do, else one by one."""
 
@@ -50,7 +56,7 @@ class CloudCollector:
             self._frames[name][self._n_frames : end] = heads[name]
         self._frames["n_points"][self._n_frames : end] = widths
         self._n_frames = end
-        self._points.add(points)
+        self._points.add(points, self._n_frames / len(self._frames["n_points"]))
 
     def mark(self) -> tuple[int, ...]:
         return self._n_frames, self._points.filled
@@ -70,7 +76,7 @@ class CloudCollector:
             raise CdrError("a point cloud is not as long as its points")
         ends = np.cumsum(widths)
         starts = np.repeat(offsets + MESSAGE_HEAD.itemsize + size - POINT.itemsize * (ends - widths), widths)
-        return widths, gather(data, starts + POINT.itemsize * np.arange(len(starts)), POINT)
+        return widths, gather(data, starts + np.arange(0, POINT.itemsize * len(starts), POINT.itemsize), POINT)
 
     def _take_each(self, data: Data, offsets: Offsets, heads: Array) -> tuple[npt.NDArray[np.int64], Array]:
         """Decode one by one what another program, or another version, has laid out in its own way."""
@@ -89,17 +95,18 @@ class CloudCollector:
 
 
 class _Points:
-    """Points one after the other, in columns that grow: nothing says beforehand how many there are."""
+    """Points one after the other, in columns that grow where there are more than the frames so far promise."""
 
     def __init__(self) -> None:
         self.filled = 0
         self._capacity = 0
         self._arrays = allocate_columns(_COLUMNS, 0)
 
-    def add(self, points: Array) -> None:
+    def add(self, points: Array, share: float) -> None:
+        """Append points; with them this share of all frames is there."""
         end = self.filled + len(points)
         if end > self._capacity:
-            self._capacity = max(end, 2 * self._capacity)
+            self._capacity = int(end * min(max(2.0, SPARE / share), MOST_AHEAD))
             known, self._arrays = self.columns(), allocate_columns(_COLUMNS, self._capacity)
             for name, array in known.items():
                 self._arrays[name][: self.filled] = array

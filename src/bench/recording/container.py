@@ -74,6 +74,8 @@ class Note:
     opcode: int
     start: int
     end: int
+    part: int = 0
+    """In which of the run's files it is, counted from 0."""
 
 
 @dataclass(slots=True)

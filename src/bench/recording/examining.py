@@ -121,7 +121,8 @@ def _is_kept(file: RunFiles, note: Note, container: Container) -> bool:
 def _describe_rest(container: Container) -> list[str]:
     n_bytes = container.size - container.end
     # a summary that was cut off can be made again; what follows a run's end is the record that begins it
-    in_summary = container.data_ended or ("bench.end" in container.metadata and n_bytes < DATA_END_SIZE)
+    is_closed = "bench.end" in container.metadata or CONTINUES in container.metadata
+    in_summary = container.data_ended or (is_closed and n_bytes < DATA_END_SIZE)
     if container.finished or in_summary or not n_bytes:
         return []
     return [f"{n_bytes} bytes from byte {container.end} on: {container.problem}"]

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from bench.errors import RecordingError
 from bench.recording.output import active_path
+from bench.recording.part_names import list_parts
 
 __all__ = ["RunFiles", "opened"]
 
@@ -70,6 +71,8 @@ def opened(*paths: Path) -> Iterator[RunFiles]:
             hint = ""
             if active_path(first).exists():
                 hint = f"Its recording was not closed, but {active_path(first)} can be read in its place."
+            elif later := [path for found in list_parts(first).values() for path in found]:
+                hint = f"{later[0]} is called like a later part of it, and can be read alone."
             raise RecordingError(f"{first} cannot be opened: {error.strerror}.", hint=hint) from error
         yield files
     except OSError as error:  # a folder, or a disk that fails

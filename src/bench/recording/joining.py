@@ -7,7 +7,7 @@ is in it: the others are read all the same.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from bench.errors import RecordingError
@@ -105,7 +105,7 @@ def find_parts(path: Path, first: Container) -> FoundParts:
     """Find the parts of the run whose first part is `path` and holds `first`, each by itself."""
     found = FoundParts.alone(path, first)
     for number, paths in list_parts(found.first).items():
-        for candidate in paths:
+        for candidate in filter(Path.is_file, paths):
             part = _scan_part(candidate)
             reason = part if isinstance(part, str) else _refuse(part, number, first)
             if isinstance(part, Container) and not reason:
@@ -161,13 +161,13 @@ def join_parts(found: FoundParts) -> Container:
         sizes=tuple(container.size for container in containers),
         last=last,
         missing=found.describe_missing(),
-        notes=containers[0].notes,
         damage=[*found.describe_cut(), *_join_damage(found.parts)],
     )
     for number, container in enumerate(containers):
         for chunk in container.chunks:
             chunk.part = number
         joined.chunks += container.chunks
+        joined.notes += [replace(note, part=number) for note in container.notes]
         for key, channel in container.channels.items():
             if key not in joined.channels or not joined.channels[key].schema_name:
                 joined.channels[key] = channel

@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.errors import RecordingError
-from bench.recording.ahead import Batch, read_ahead
+from bench.recording.ahead import work_in_turn
+from bench.recording.batches import Batch, find_messages, group_chunks, unpack_batch
 from bench.recording.cdr import CdrError
 from bench.recording.chunks import read_chunk, read_offsets
 from bench.recording.collecting import Collector, make_collector
@@ -107,25 +108,30 @@ def _read_schema(path: Path, channel: Channel) -> Schema:
 def _collect(files: RunFiles, container: Container, collectors: Mapping[str, Collector], span: Span) -> None:
     wanted = {key: collectors[c.topic] for key, c in container.channels.items() if c.topic in collectors}
     chunks = [chunk for chunk in container.chunks if span.touches(chunk) and not wanted.keys().isdisjoint(chunk.counts)]
-    for batch in read_ahead(files, chunks, wanted.keys()):
-        for chunk, error in [*batch.damaged, *_take(batch, wanted)]:
+    batches = work_in_turn(
+        group_chunks(chunks),
+        lambda group: unpack_batch(files, group),
+        lambda batch: _take(files, batch, wanted),
+    )
+    for left in batches:
+        for chunk, error in left:
             _leave_out(container, chunk, error)
 
 
-def _take(batch: Batch, wanted: Mapping[int, Collector]) -> list[tuple[Chunk, DamagedError]]:
-    """Take a batch apart, all of it or nothing; of one that fails each chunk alone, and return those that are left."""
-    marks = {channel: wanted[channel].mark() for channel in batch.offsets}
+def _take(files: RunFiles, batch: Batch, wanted: Mapping[int, Collector]) -> list[tuple[Chunk, DamagedError]]:
+    """Take a batch apart, all of it or nothing; of one that fails each chunk alone. Return the chunks left out."""
+    marks = [(collector, collector.mark()) for collector in wanted.values()]
     try:
-        for channel, offsets in batch.offsets.items():
+        for channel, offsets in find_messages(files, batch, wanted).items():
             if len(offsets):
                 wanted[channel].take(batch.data, offsets)
     except DamagedError as error:
-        for channel, mark in marks.items():
-            wanted[channel].return_to(mark)
+        for collector, mark in marks:
+            collector.return_to(mark)
         if len(batch.chunks) == 1:
-            return [(batch.chunks[0], error)]
-        return [left for part in batch.split() for left in _take(part, wanted)]
-    return []
+            return [*batch.damaged, (batch.chunks[0], error)]
+        return [*batch.damaged, *(left for part in batch.split() for left in _take(files, part, wanted))]
+    return [*batch.damaged]
 
 
 def _leave_out(container: Container, chunk: Chunk, error: DamagedError) -> None:

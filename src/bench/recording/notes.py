@@ -26,7 +26,7 @@ def read_note(file: RunFiles, note: Note) -> records.Metadata | records.Attachme
     """
     if note.end - note.start > LARGEST_NOTE:
         raise DamagedError(f"it is larger than {LARGEST_NOTE} bytes")
-    body = file.pread(note.end - note.start - HEAD.size, note.start + HEAD.size)
+    body = file.pread(note.end - note.start - HEAD.size, note.start + HEAD.size, note.part)
     stream = ReadDataStream(BytesIO(body))
     record: records.Metadata | records.Attachment
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from pathlib import Path
@@ -30,7 +31,7 @@ def find_first(path: Path) -> Path | None:
 
 
 def list_parts(first: Path) -> dict[int, list[Path]]:
-    """Return the files beside `first` that are called like its later parts, by number; a finished one comes first."""
+    """Return what is beside `first` and called like its later parts, by number; a finished one comes first."""
     pattern = re.compile(rf"{re.escape(first.stem)}\.{_NUMBER}{re.escape(first.suffix)}(\.active)?")
     try:
         names = [name for name in map(pattern.fullmatch, (path.name for path in first.parent.iterdir())) if name]
@@ -38,7 +39,7 @@ def list_parts(first: Path) -> dict[int, list[Path]]:
         return {}
     numbers = sorted({int(name[1]) for name in names})
     found = {number: (part_path(first, number), active_path(part_path(first, number))) for number in numbers}
-    return {number: [path for path in paths if path.is_file()] for number, paths in found.items()}
+    return {number: [path for path in paths if os.path.lexists(path)] for number, paths in found.items()}
 
 
 def read_number(metadata: Mapping[str, Mapping[str, str]]) -> int:

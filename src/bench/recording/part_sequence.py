@@ -50,7 +50,6 @@ class PartSequence:
     ) -> None:
         self._first = path
         self._split_bytes = split_bytes or _NEVER
-        self._split_at = self._split_bytes
         self._said = {name: dict(values) for name, values in notes.items()}
         self._attachments = attachments
         self._ending: PartEnding | None = None
@@ -62,6 +61,11 @@ class PartSequence:
             self._part = RunPart(path, self._said, attachments)
             self._make_durable()
         self._parts = [self._part]
+        self._split_at = self._find_end()
+
+    def _find_end(self) -> int:
+        """Return the size at which the part ends: what each part repeats is never most of it."""
+        return max(self._split_bytes, 2 * self._part.size)
 
     def _make_durable(self) -> None:
         try:
@@ -145,8 +149,9 @@ class PartSequence:
             self._split_at = self._part.size + self._split_bytes
             return f"The recording could not be split, so it goes on in {self.active}: {error}"
         self._ending = PartEnding(self._part, following, {"file": path.name} | dict(totals))
-        self._part, self._split_at = following, self._split_bytes
+        self._part = following
         self._parts.append(following)
+        self._split_at = self._find_end()
         return ""
 
     def verify_ending(self) -> None:

@@ -56,7 +56,7 @@ def open_run(path: str | Path) -> Run:
         if container.finished:
             raise RecordingError(
                 f"{path} is an MCAP file, but not a recording of bench (it has no metadata 'bench.run').",
-                hint="`bench import` takes Motive CSV and C3D files.",
+                hint="Another program wrote it: open it there. Takes come in by `bench import`, as CSV, C3D or TRC.",
             )
         raise RecordingUnfinishedError(f"{path} holds nothing that can be read: {container.problem}.")
     if read_number(container.metadata) != FIRST_NUMBER:
@@ -74,7 +74,7 @@ def _scan(file: RunFiles, path: Path) -> Container:
     try:
         return scan_container(file)
     except DamagedError as error:
-        raise RecordingError(f"{path} {error}.", hint="`bench import` takes Motive CSV and C3D files.") from error
+        raise RecordingError(f"{path} {error}.", hint="`bench import` takes CSV, C3D and TRC files.") from error
 
 
 class Run:

@@ -101,7 +101,7 @@ def count_by_topic(container: Container) -> dict[str, int]:
 def _describe_missing_end(container: Container) -> list[str]:
     if container.finished:
         return []
-    if "bench.end" in container.metadata:  # written after the last chunk
+    if "bench.end" in container.metadata or CONTINUES in container.metadata:  # written after the last chunk
         return ["only the file's summary, every record is there"]
     unread = container.size - container.end
     rest = f"{unread} bytes from byte {container.end} on and " if unread else ""

@@ -26,7 +26,10 @@ from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
 from bench.report.trace import TracedCable
 
-__all__ = ["AT_THE_TCP", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
+__all__ = ["AT_THE_TCP", "END_BEND", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
+
+END_BEND = "The cable bends most"
+"""How the warning begins that names the clamp beside which a bend is read too gently."""
 
 Floats = npt.NDArray[np.float64]
 
@@ -71,6 +74,16 @@ class CableEnds:
             end.tangent,
             end.tangent_sigma_rad,
         )
+
+    def describe_unused(self) -> list[str]:
+        """Return what to say of ends whose places are known too badly for the curve."""
+        return [
+            f"The place of [cable.{name}] is known to {1e3 * np.nanmedian(end.position_sigma_m):.0f} mm (standard "
+            f"deviation): it guides the sorting, but curvature uses places known to {1e3 * ON_CURVE_SIGMA_M:.0f} mm or "
+            "better. Give clamp_m, or calibrate better."
+            for name, end in (("anchor", self.anchor), ("end", self.end))
+            if end is not None and np.isfinite(end.position_m).any() and np.isnan(_place_on_curve(end)).all()
+        ]
 
     def clamps(self, length_m: float, up_axis: int) -> ClampedEnds:
         """Return what they tell an estimator of the curve; `up_axis` is the lab frame's vertical."""
@@ -163,11 +176,13 @@ def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Float
         known = end is not None and bool(np.isfinite(end.tangent).any())
         beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)
         if not known and beside[largest.argmax()] and largest.max() > STANDS_OUT * np.median(largest[~beside]):
+            apart_mm, side = 1e3 * abs(bend_m - last_m), "anchor's" if holder == "anchor" else "far"
+            where = f"{apart_mm:.0f} mm from" if apart_mm >= 1 else "at"
             told = (
-                f"The cable bends most {1e3 * abs(bend_m - last_m):.0f} mm from where its curve ends, with the next "
-                f"marker {1e3 * abs(next_m - last_m):.0f} mm from there, and the direction of the clamp on that side "
-                "is not known: it may be bent tighter there than any interval says. Give "
-                f"[cable.{holder}] clamp_direction, or set markers closer to that clamp."
+                f"{END_BEND} {where} the {side} end of its curve: the next marker there is "
+                f"{1e3 * abs(next_m - last_m):.0f} mm away, and the direction of the clamp is not known: it may be "
+                f"bent tighter there than any interval says. Give [cable.{holder}] clamp_direction, or set markers "
+                "closer to that clamp."
             )
             return [told]
     return []
@@ -196,9 +211,14 @@ def _on_curve(end: CableEnd | None) -> CableEnd | None:
     """Return what is known of an end as a place and direction of the curve; None without either."""
     if end is None:
         return None
-    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
-    end = replace(end, position_m=np.where(vague[:, None], np.nan, end.position_m))
+    end = replace(end, position_m=_place_on_curve(end))
     return end if np.isfinite(end.position_m).any() or np.isfinite(end.tangent).any() else None
+
+
+def _place_on_curve(end: CableEnd) -> Floats:
+    """Return the end's place (F, 3), NaN where it is too vague for the curve."""
+    vague = ~(end.position_sigma_m <= ON_CURVE_SIGMA_M)
+    return np.where(vague[:, None], np.nan, end.position_m)
 
 
 def _configured(holder: HolderConfig) -> ClampDirection | None:

@@ -17,7 +17,7 @@ from bench.report.host_clock import describe_host_clock
 from bench.report.outcome import IMPORT, UNFINISHED, RunEnd
 from bench.report.results import CycleColumns
 from bench.report.source import TrackerFrames
-from bench.report.wording import say_count
+from bench.report.wording import RECORDED, say_count
 
 __all__ = ["count_driven", "find_versions", "hash_config", "read_run_end", "state_facts"]
 
@@ -29,7 +29,7 @@ def hash_config(config: Config) -> str:
 
 def find_versions(run: Run) -> dict[str, str]:
     """Return the versions that recorded and those that analyse."""
-    versions = {f"recorded with {name}": text for name, text in run.versions.items()}
+    versions = {f"{RECORDED}{name}": text for name, text in run.versions.items()}
     versions["bench"] = version("cable-bench")
     versions["python"] = platform.python_version()
     versions["numpy"] = np.__version__

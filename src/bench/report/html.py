@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from bench.analysis import bend_radius
 from bench.model import Severity
 from bench.report.cautions import list_cautions
 from bench.report.drift_text import describe_drift_section
@@ -104,7 +103,7 @@ def _context(results: Results) -> dict[str, Any]:
         "outcome": describe_outcome(results, headline),
         "ending": describe_ending(results),
         "cautions": list_cautions(results, headline),
-        "cycles": describe_cycles(headline),
+        "cycles": describe_cycles(headline, len(odd)),
         "radius": say_radius(headline.tightest.radius_mm, headline.tightest.low_mm) if headline.tightest else "",
         "interval": describe_interval(headline.tightest) if headline.tightest else "",
         "place": describe_place(headline.tightest) if headline.tightest else "",
@@ -114,7 +113,7 @@ def _context(results: Results) -> dict[str, Any]:
         "worst_residual": say_short_time(find_worst_residual_us(results.clocks)).split(NBSP),
         "figures": _figures(results),
         "captions": _captions(results),
-        "odd_cycles": [_odd_cycle(results, index) for index in odd[:ATTENTION_ROWS]],
+        "odd_cycles": _list_odd_cycles(results, odd[:ATTENTION_ROWS]),
         "n_odd": len(odd),
         "drift": describe_drift_section(results),
         "noted": _choose_noted(results.noted),
@@ -177,23 +176,34 @@ def _cycles_caption(results: Results) -> str:
     return typical if size == 1 else f"{typical} {size} neighbouring cycles share one place along the axis."
 
 
-def _odd_cycle(results: Results, index: int) -> _OddCycle:
+def _list_odd_cycles(results: Results, indices: list[int]) -> list[_OddCycle]:
+    """Return the rows of the table; all have as many decimals as the interval of a usual cycle leaves them."""
+    cycles = results.cycles
+    known = np.isfinite(cycles.max_curvature_sigma_per_m) & (cycles.max_curvature_per_m > 0)
+    if not known.any():
+        return [_odd_cycle(results, index, 2, 1) for index in indices]
+    band = 2 * float(np.median(cycles.max_curvature_sigma_per_m[known]))
+    value = float(np.median(cycles.max_curvature_per_m[known]))
+    digits, radius_digits = count_decimals(band), count_decimals(1e3 / value - 1e3 / (value + band))
+    return [_odd_cycle(results, index, digits, radius_digits) for index in indices]
+
+
+def _odd_cycle(results: Results, index: int, digits: int, radius_digits: int) -> _OddCycle:
     """Return the row of one cycle; a cycle without a row of its own in the table still shows its reasons."""
     cycles = results.cycles
     rows = np.flatnonzero(cycles.cycle_index == index)
     if not rows.size:
         return _OddCycle(index, "–", "–", "–", "–", "–", "–", "–", results.attention[index])
     row = int(rows[0])
-    bend = bend_radius(cycles.max_curvature_per_m[row], cycles.max_curvature_sigma_per_m[row])
-    radius_mm, low_mm = 1e3 * float(bend.radius_m), 1e3 * float(bend.low_m)
+    value, sigma = float(cycles.max_curvature_per_m[row]), float(cycles.max_curvature_sigma_per_m[row])
     return _OddCycle(
         index=index,
         start=say_utc(int(cycles.start_ns[row])),
         duration=say_number(float(cycles.duration_s[row]), 2),
         verdict=str(cycles.verdict[row]),
         complete=say_percent(float(cycles.complete_fraction[row])),
-        curvature=_with_band(float(cycles.max_curvature_per_m[row]), float(cycles.max_curvature_sigma_per_m[row])),
-        radius=say_radius(radius_mm, low_mm),
+        curvature=_with_band(value, sigma, digits),
+        radius=say_number(float(cycles.min_bend_radius_mm[row]), radius_digits),
         place=say_number(1e3 * float(cycles.max_curvature_arc_length_m[row]), 0),
         reasons=results.attention[index],
     )
@@ -206,8 +216,6 @@ def _choose_noted(noted: list[NotedLine]) -> list[NotedLine]:
     return noted[:NOTED_ROWS]
 
 
-def _with_band(value: float, sigma: float) -> str:
-    if not np.isfinite(sigma) or not np.isfinite(value):
-        return say_number(value, 2)
-    digits = count_decimals(2 * sigma)
-    return f"{say_number(value, digits)} ± {say_number(2 * sigma, digits)}"
+def _with_band(value: float, sigma: float, digits: int) -> str:
+    known = np.isfinite(sigma) and np.isfinite(value)
+    return say_number(value, digits) + (f" ± {say_number(2 * sigma, digits)}" if known else "")

@@ -19,6 +19,8 @@ UNFINISHED = "unfinished"
 OUTLIER_RATIO = 1.1
 """A cycle whose largest curvature is this times the median differs by more than noise and drift explain."""
 LOW_COMPLETE_FRACTION = 0.5
+FEWEST_TRUSTED = 0.5
+"""Of the frames of cycles: with fewer, those that are trusted are the exception, and may be so by chance."""
 
 
 @dataclass(frozen=True)
@@ -31,15 +33,30 @@ class RunEnd:
 
 
 def judge_run(
-    cycles: CycleColumns, streams: list[StreamFinding], end: RunEnd, minimum_bend_radius_mm: float
+    cycles: CycleColumns,
+    streams: list[StreamFinding],
+    end: RunEnd,
+    minimum_bend_radius_mm: float,
+    trusted_fraction: float,
 ) -> tuple[Outcome, list[str]]:
     """Judge the run and say why it is not PASS, one sentence for each reason.
 
     FAIL comes first: what was lost can hide a bend that is too tight, but cannot make one. FAIL rests on cycles with
-    verdict ok or slow only.
+    verdict ok or slow only. PASS needs a curve in each of these, and trust in most frames: that is what is left of a
+    recording in which the order of the markers cannot be told, or contradicts itself.
+
+    Parameters
+    ----------
+    cycles, streams, end
+        What became of the run.
+    minimum_bend_radius_mm : float
+        The catalogue's limit.
+    trusted_fraction : float
+        Part of the frames inside cycles that may enter the figures; 0 without any.
     """
     failures = _too_tight(cycles, minimum_bend_radius_mm)
-    errors = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
+    lost = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
+    errors = [*lost, *_curve_errors(cycles, trusted_fraction)]
     outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
     return outcome, [*failures, *errors]
 
@@ -114,8 +131,22 @@ def _cycle_errors(cycles: CycleColumns, end: RunEnd) -> list[str]:
         sentences.append("No cycle was recorded.")
     elif Verdict.OK not in cycles.verdict:
         sentences.append("No cycle has the verdict ok: see Cycles that need a look.")
-    elif not np.isfinite(cycles.max_curvature_per_m).any():
+    return sentences
+
+
+def _curve_errors(cycles: CycleColumns, trusted_fraction: float) -> list[str]:
+    judged = np.isin(cycles.verdict, [Verdict.OK, Verdict.SLOW])
+    without = cycles.cycle_index[judged & np.isnan(cycles.max_curvature_per_m)].tolist()
+    n_judged, sentences = int(judged.sum()), []
+    if without and len(without) == n_judged:
         sentences.append("In no cycle could a curve be drawn.")
+    elif without:
+        sentences.append(f"In {len(without)} of {n_judged} cycles no curve can be trusted: {_list_briefly(without)}.")
+    if 0 < trusted_fraction < FEWEST_TRUSTED:
+        sentences.append(
+            f"Only in {trusted_fraction:.0%} of the frames of cycles is the order of the markers sure and possible: a "
+            "tight bend in the others would not be seen."
+        )
     return sentences
 
 

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from bench.errors import RecordingExistsError
-from bench.report.wording import say_count, say_mm, say_number, say_percent, say_utc
+from bench.report.wording import say_count, say_mm, say_number, say_percent, say_utc, say_versions
 from bench.report.writing import explain_write
 
 __all__ = ["render_page", "write_page"]
@@ -30,6 +30,7 @@ def render_page(template: str, context: Mapping[str, Any]) -> str:
         finalize=_without_controls,
     )
     environment.filters.update(mm=say_mm, number=say_number, count=say_count, percent=say_percent, utc=say_utc)
+    environment.filters["versions"] = say_versions
     return environment.get_template(template).render(context)
 
 

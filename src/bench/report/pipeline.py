@@ -86,8 +86,10 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     traced = trace_cable(points, config, ends.clamps(config.cable.length_m, up_axis))
     cycles = describe_cycles(placed, traced)
     streams, end = find_streams(run, _count_gaps(frames, robot)), read_run_end(run)
-    outcome, outcome_reasons = judge_run(cycles, streams, end, config.cable.minimum_bend_radius_mm)
     inside = traced.trusted & (placed.row >= 0)
+    trusted_fraction = inside.sum() / max((placed.row >= 0).sum(), 1)
+    limit_mm = config.cable.minimum_bend_radius_mm
+    outcome, outcome_reasons = judge_run(cycles, streams, end, limit_mm, trusted_fraction)
     n_bins = _count_phase_bins(cycles.n_frames)
     curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
     bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
@@ -125,7 +127,10 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
             *warn_of_steps(run),
             *_warn(run, frames, traced, end.exit_status),
         ],
-        method_notes={"sorting": traced.markers.notes, "curvature": traced.curve.notes},
+        method_notes={
+            "sorting": traced.markers.notes,
+            "curvature": [*traced.curve.notes, *ends.describe_unused()],
+        },
         ends=ends.columns(len(frames)),
         drift=find_drift(placed, traced, cycles, config.analysis.marker_noise_mm),
         analysis_s=time.perf_counter() - begin,

@@ -20,6 +20,7 @@ from bench.analysis import (
     fit_spline,
     get_estimator,
     get_sorter,
+    tell_broken,
 )
 from bench.config import Config
 from bench.report.markers import make_sort_settings
@@ -70,6 +71,8 @@ def trace_cable(
     places = np.linspace(*_find_span(marker_places, ends), analysis.arc_length_samples)
     settings = make_sort_settings(config)
     markers = get_sorter(analysis.sorting)(points, settings)
+    if analysis.sorting != "auto":  # which has taken them away
+        markers = tell_broken(points, markers, settings)
     noise_m = analysis.marker_noise_mm * 1e-3
     estimate = estimate or get_estimator(analysis.curvature)
     curve = estimate(markers.position_m, marker_places, places, noise_m, ends=ends)

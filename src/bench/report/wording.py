@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -12,6 +12,7 @@ from bench.report.headline import Headline, TightestBend
 from bench.report.results import ClockFinding, Results
 
 __all__ = [
+    "RECORDED",
     "count_decimals",
     "describe_clocks",
     "describe_cycles",
@@ -30,6 +31,7 @@ __all__ = [
     "say_range",
     "say_short_time",
     "say_utc",
+    "say_versions",
 ]
 
 UNKNOWN = "–"
@@ -41,6 +43,8 @@ NBSP = "\u00a0"
 MINUS = "\u2212"
 GROUPED_FROM = 10_000
 """Four digits are read at a glance; from five on they are grouped."""
+RECORDED = "recorded with "
+"""How the name of a version begins that a recording tells of itself."""
 UNDECIDED = "The limit lies inside the interval of the smallest bend radius: by noise alone it may be on either side."
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 
@@ -111,6 +115,14 @@ def say_utc(time_ns: int) -> str:
     return f"{moment:%Y-%m-%d %H:%M:%S}.{moment.microsecond // 1000:03d}"
 
 
+def say_versions(versions: Mapping[str, str]) -> str:
+    """Return in one line the versions that recorded, then those that analysed."""
+    recorded = [f"{name.removeprefix(RECORDED)} {text}" for name, text in versions.items() if name.startswith(RECORDED)]
+    analysed = [f"{name} {text}" for name, text in versions.items() if not name.startswith(RECORDED)]
+    parts = [f"recorded with {', '.join(recorded)}"] if recorded else []
+    return "; ".join([*parts, f"analysed with {', '.join(analysed)}"])
+
+
 def describe_outcome(results: Results, headline: Headline) -> list[str]:
     """Return what the outcome means, then its reasons, one sentence each."""
     limit = f"its catalogue limit of {headline.limit_mm:g} mm"
@@ -118,7 +130,7 @@ def describe_outcome(results: Results, headline: Headline) -> list[str]:
     meaning = {
         Outcome.PASS: "The bench found nothing against the cable in this run.",
         Outcome.FAIL: f"The cable was bent tighter than {limit}." if crossed else "The cable did not pass.",
-        Outcome.ERROR: "The bench was at fault. This is no verdict on the cable.",
+        Outcome.ERROR: "This is no verdict on the cable: the bench, or what it recorded, was at fault.",
     }[results.outcome]
     if results.outcome is Outcome.PASS and headline.tightest is not None and not crossed:
         meaning = f"No bend tighter than {limit} was measured."
@@ -140,12 +152,13 @@ def describe_ending(results: Results) -> str:
     return f"{how}: {reason}." if reason else f"{how}."
 
 
-def describe_cycles(headline: Headline) -> str:
+def describe_cycles(headline: Headline, n_odd: int) -> str:
     """Return how many cycles there are, and how many of them need no look."""
     if not headline.n_cycles:
         return "no cycle was completed"
     if headline.n_ok == headline.n_cycles:
-        return "all ok" if headline.n_cycles > 1 else "ok"
+        well = "recorded whole" if n_odd else "ok"  # a cycle with verdict ok may need a look all the same
+        return f"all {well}" if headline.n_cycles > 1 else well
     return f"{say_count(headline.n_ok)} ok, {say_count(headline.n_cycles - headline.n_ok)} not"
 
 

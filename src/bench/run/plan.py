@@ -10,7 +10,7 @@ from bench.run.bench_links import require_devices
 from bench.run.preflight import predict_bytes_per_s
 
 if TYPE_CHECKING:
-    from bench.run.session import RunOptions
+    from bench.run.options import RunOptions
 
 __all__ = ["describe_plan"]
 

@@ -170,9 +170,13 @@ def _check_disk(config: Config, tracker: FrameTally, folder: Path, expected_s: f
     per_s = predict_bytes_per_s(config, tracker.rate_hz, tracker.most_points)
     needed = SAFETY_FACTOR * per_s * (expected_s if expected_s is not None else 3600.0)
     what = "this run" if expected_s is not None else "one hour"
-    sentence = f"{folder} has {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB are asked for ({what}, twice its size)."
-    limit = f">= {needed / 1e6:.0f} MB ({what})"
-    return CheckItem("disk space", limit, f"{free / 1e6:.0f} MB", _verdict(free >= needed), sentence, exit_code=5)
+    sentence = f"{folder} has {_say_size(free)} free, {_say_size(needed)} are asked for ({what}, twice its size)."
+    limit = f">= {_say_size(needed)} for {what}"
+    return CheckItem("disk space", limit, _say_size(free), _verdict(free >= needed), sentence, exit_code=5)
+
+
+def _say_size(n_bytes: float) -> str:
+    return f"{n_bytes / 1e9:.0f} GB" if n_bytes >= 1e10 else f"{n_bytes / 1e6:.0f} MB"
 
 
 def _existing(folder: Path) -> Path:

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import shlex
 import uuid
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.config import Config, ProgramFile, to_toml
 from bench.errors import ConfigError
-from bench.model import CheckItem, ExitStatus, LogEntry, Record, RecorderStats, RunState, Severity, StateChange
+from bench.model import CheckItem, ExitStatus, LogEntry, Record, RunState, Severity, StateChange
 from bench.recording import RunWriter
 from bench.run.about import attach_calibration, attach_program, describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
@@ -23,60 +22,22 @@ from bench.run.interrupts import ctrl_c_to
 from bench.run.journal import Journal
 from bench.run.live_process import LiveAddress, LiveProcess
 from bench.run.loaded_program import ask_loaded
+from bench.run.options import RunOptions, RunSummary
 from bench.run.preflight import check_bench, show_program_file, verify_items
 from bench.run.progress import Ending, RunLimits, RunProgress
-from bench.run.resume import PROGRAM, RESUMED, Origin, hash_test, verify_origin
+from bench.run.resume import PROGRAM, RESUMED, hash_test, verify_origin
 from bench.run.simulator import SimulatorProcess
 from bench.run.states import RunStates
 from bench.run.view import RunView
 from bench.timing import RunClock, patience_ns
 
-__all__ = ["RunOptions", "RunSummary", "check", "run"]
+__all__ = ["check", "run"]
 
 SETTLE_S = 1.0
 """Machine time the links stream before they are judged: 125 robot states and 100 frames at the slowest usual rates."""
 CLOSE_FILE_S = 120.0
 """Machine time to drain the queue and finish the file on a slow disk."""
 LIBRARIES = ("cable-bench", "numpy", "mcap", "ur-rtde", "httpx", "pymodbus")
-
-
-@dataclass(frozen=True, slots=True)
-class RunOptions:
-    """What the command line adds to the configuration."""
-
-    n_cycles: int
-    output: Path | None = None
-    speed: float = 1.0
-    truth: Path | None = None
-    origin: Origin | None = None
-    """The run that is gone on with; `n_cycles` is the total of both."""
-    program: ProgramFile | None = None
-    """Copy of the robot's program that travels in the run file."""
-    live: LiveAddress | None = None
-    """Where the live view is served; None: it is not."""
-
-    @property
-    def n_before(self) -> int:
-        """Cycles that are done already."""
-        return self.origin.n_completed if self.origin else 0
-
-
-@dataclass(frozen=True, slots=True)
-class RunSummary:
-    """How a run ended and what it left."""
-
-    path: Path | None
-    """The run file, or its first part; None when nothing was driven, so that none was kept."""
-    ending: Ending
-    n_completed: int
-    n_cycles: int
-    stats: dict[str, RecorderStats]
-    bytes_written: int
-    cycles_s: float
-    """Sum of the cycles' durations, in the run's own time."""
-    warnings: list[str]
-    n_parts: int = 1
-    """Files that the recording was split into."""
 
 
 def run(config: Config, options: RunOptions, view: RunView) -> RunSummary:

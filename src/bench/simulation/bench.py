@@ -208,4 +208,4 @@ def _open_truth(path: Path | None, config: Config, scene: Scene) -> TruthWriter 
     arc_length_m = np.linspace(markers[0], markers[-1], config.analysis.arc_length_samples)
     delay_s = stamp_delay_s(config.simulation or SimulationConfig())
     facts = {**scene.facts(), "tracker_stamp_delay_s": delay_s}
-    return TruthWriter(path, scene.cable.curvature(arc_length_m), arc_length_m, len(markers), facts)
+    return TruthWriter(path, scene.curvature(arc_length_m), arc_length_m, len(markers), facts)

@@ -36,6 +36,8 @@ class Motion:
     """Share of the cycle's duration that has passed, 0 to 1; 0 outside a cycle."""
     place: float = 0.0
     """Place on the path, 0 to 1, at rest too: `bench.simulation.path.place_at_phase` of the phase."""
+    cycles_driven: float = 0.0
+    """Cycles that the cable has gone through, whichever program drove them; of the one under way its share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +83,7 @@ class PathProgram:
         self._tick_ns: int | None = None
         self._rate = 0.0
         self._count = 0
+        self._n_driven = 0
 
     @property
     def state(self) -> str:
@@ -153,6 +156,7 @@ class PathProgram:
             int(move.is_cycle),
             phase if move.is_cycle else 0.0,
             place,
+            self._n_driven + (phase if move.is_cycle else 0.0),
         )
 
     def _phase_at(self, host_ns: int) -> float:
@@ -183,6 +187,7 @@ class PathProgram:
         """Count a finished cycle; begin the next one a tick later at the earliest, so that both edges are seen."""
         if self._move.is_cycle:
             self._count += 1
+            self._n_driven += 1
             self._set_move(_Move(0.0, 0.0, self._rest_ns))
         elif granted > self._count:
             self._set_move(_Move(0.0, 1.0, self._cycle_ns, is_cycle=True))

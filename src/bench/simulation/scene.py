@@ -20,12 +20,15 @@ from bench.simulation.path import JointPath
 from bench.simulation.points import Points
 from bench.simulation.program import PULSE_PHASE, Motion, PathProgram
 from bench.simulation.sight import Occlusion, SelfOcclusion
+from bench.simulation.wear import LEVELS, Wear, WearTable
 
 __all__ = ["Exposure", "Scene", "TruthSink", "make_cable", "make_layout", "make_path"]
 
 CALIBRATION_PROGRAM = "calibrate"
 """A [robot] program of this name, whatever its ending, moves the flange in space and turns it about three axes."""
 
+WORN_STIFFNESS = 0.5
+"""Of the new cable's stiffness: what a worn one has."""
 FEWEST_MEMBERS = 3
 """A body of which fewer markers are seen is not tracked."""
 
@@ -60,15 +63,21 @@ def make_path(config: Config) -> JointPath:
     return JointPath(layout.path_amplitude, layout.swing if calibrates else None)
 
 
-def make_cable(config: Config, path: JointPath) -> Cable:
-    """Solve the cable of a configuration along a path. `ConfigError` if it cannot be simulated."""
+def make_cable(config: Config, path: JointPath, wear: float = 0.0) -> Cable:
+    """Solve a configuration's cable along a path, at a share of its wear. `ConfigError` if it cannot be simulated."""
     simulation = config.simulation or SimulationConfig()
     return Cable(
         make_layout(config),
         path,
         weight_n_per_m=simulation.weight_n_per_m,
-        stiffness_nm2=simulation.bending_stiffness_nm2,
+        stiffness_nm2=simulation.bending_stiffness_nm2 * (1.0 + (WORN_STIFFNESS - 1.0) * wear),
     )
+
+
+def _make_wear(config: Config, path: JointPath, cable: Cable | None) -> Wear:
+    n_cycles = (config.simulation or SimulationConfig()).half_stiffness_after_cycles
+    worn = LEVELS[1:] if n_cycles else ()
+    return Wear([cable or make_cable(config, path), *(make_cable(config, path, level) for level in worn)], n_cycles)
 
 
 class Scene:
@@ -95,8 +104,10 @@ class Scene:
         self._program = program
         self.truth = truth
         """May be given before the first exposure."""
-        self.cable = cable or make_cable(config, program.path)
+        self._wear = wear = _make_wear(config, program.path, cable)
+        self.cable = wear.new
         self._markers = markers = Markers(config, self.cable)
+        self._true = wear.tabulate(lambda one: markers.table if one is wear.new else Markers(config, one).table)
         self._flange_body = config.calibration.flange_body
         pulses = config.robot is not None and config.robot.cycle.digital_output_mode == "pulse"
         self._lit_until = PULSE_PHASE if pulses else 2.0
@@ -111,7 +122,7 @@ class Scene:
         """Return what is seen at `host_ns`, and hand the truth of it to the truth's sink."""
         motion = self._program.motion_at(host_ns)
         points, n_loose = self._points, self._points.n_loose
-        true_m = self._markers.table.at(motion.place)
+        true_m = self._true.at(motion.place, motion.cycles_driven)
         if len(self._ghosts.positions_m):
             points.renew(n_loose + self._ghosts.step(true_m[: self._markers.n_cable]))
         all_m = np.concatenate([true_m[:n_loose], self._ghosts.positions_m, self._reflections_m, true_m[n_loose:]])
@@ -128,6 +139,10 @@ class Scene:
             points.residual_m[order],
             bodies,
         )
+
+    def curvature(self, arc_length_m: npt.NDArray[np.float64]) -> WearTable:
+        """Return the cable's signed curvature (G,), 1/m, at G arc lengths, anywhere on the path and in its life."""
+        return self._wear.tabulate(lambda cable: cable.curvature(arc_length_m))
 
     def facts(self) -> dict[str, object]:
         """Return what an analysis has to find out, as JSON has it: for the truth file."""

@@ -18,8 +18,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from bench.errors import RecordingError, RecordingExistsError
-from bench.simulation.cable import PlaceTable
 from bench.simulation.program import Motion
+from bench.simulation.wear import WearTable
 
 __all__ = ["TruthWriter"]
 
@@ -28,7 +28,7 @@ logger = logging.getLogger(__name__)
 ROWS_PER_GROUP = 2_000
 """Rows are handed over in lots of this size, so that the writer's thread wakes rarely while ticks are due."""
 
-Row = tuple[int, int, int, float, float, npt.NDArray[np.int16]]
+Row = tuple[int, int, int, float, float, float, npt.NDArray[np.int16]]
 
 
 class TruthWriter:
@@ -42,8 +42,8 @@ class TruthWriter:
     ----------
     path : Path
         Is written as ``path.active`` until it is closed.
-    curvature : PlaceTable
-        Signed curvature (G,) by place of the path.
+    curvature : WearTable
+        Signed curvature (G,) by place of the path and cycles driven.
     arc_length_m : (G,) float
         Where it is given.
     n_markers : int
@@ -62,7 +62,7 @@ class TruthWriter:
     def __init__(
         self,
         path: Path,
-        curvature: PlaceTable,
+        curvature: WearTable,
         arc_length_m: npt.NDArray[np.float64],
         n_markers: int,
         facts: Mapping[str, object],
@@ -86,7 +86,7 @@ class TruthWriter:
         """Take the row of one frame: a `bench.simulation.scene.TruthSink`."""
         inside = motion.cycle_running == 1
         cycle_index, phase = (motion.cycle_count, motion.phase) if inside else (-1, float("nan"))
-        self._rows.append((frame_number, host_ns, cycle_index, phase, motion.place, source))
+        self._rows.append((frame_number, host_ns, cycle_index, phase, motion.place, motion.cycles_driven, source))
         if len(self._rows) >= ROWS_PER_GROUP:
             self._hand_over()
 
@@ -145,8 +145,8 @@ class TruthWriter:
                 pass
 
     def _write(self, rows: list[Row]) -> None:
-        frame_number, time_ns, cycle_index, phase, place, source = zip(*rows, strict=True)
-        curvature = np.abs(self._curvature.at_many(np.array(place))).astype(np.float32)
+        frame_number, time_ns, cycle_index, phase, place, driven, source = zip(*rows, strict=True)
+        curvature = np.abs(self._curvature.at_many(np.array(place), np.array(driven))).astype(np.float32)
         columns = [
             pa.array(frame_number, pa.int64()),
             pa.array(time_ns, pa.int64()),

@@ -91,6 +91,8 @@ def test_a_simulated_ur_is_watched_by_its_main_fields(tmp_path: Path) -> None:
     with watching(path) as process:
         lines = read_until(process, "digital_outputs")
     assert "runtime_state = 1 (stopped)" in lines
+    assert "robot_mode = 7 (running)" in lines
+    assert "safety_status = 1 (normal)" in lines
     assert "cycle_count = 0" in lines
     assert "speed_slider = 100%" in lines
 

@@ -101,7 +101,7 @@ def place_in_rod(position_m: Floats32, ends: ClampedEnds | None, noise_m: float)
 
 def _known(end: CableEnd | None, name: str) -> CableEnd:
     if end is None or not np.isfinite(end.position_m).all(axis=1).any():
-        raise _refusal(f"the place of the cable's {name} is not known", name)
+        raise _refusal(f"the place of the cable's {name} is not known well enough", name)
     if not np.isfinite(end.tangent).all(axis=1).any():
         raise _refusal(f"the direction of the clamp at the cable's {name} is not known", name)
     return end
@@ -154,5 +154,6 @@ def _refusal(what: str, name: str) -> AnalysisError:
     other = ", or let 'bench calibrate' find it" if name == "end" else ""
     return AnalysisError(
         f"The heavy rod ('elastica') cannot be fitted: {what} in any frame.",
-        hint=f"Give [cable.{name}] with clamp_direction{other}; or choose another [analysis] curvature.",
+        hint=f"Give [cable.{name}] with clamp_direction, and clamp_m on a rigid body{other}; or choose another "
+        "[analysis] curvature.",
     )

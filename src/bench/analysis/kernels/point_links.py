@@ -19,8 +19,9 @@ TOO_ALIKE = 3.0
 NEAR_M2 = 1e-6
 ROOM = 8
 """Tracks that are followed at a time, for each point of a frame: those hidden for a moment, and ghosts'."""
-REACH, SEEN = 6, 7
-"""Columns of a live track after its place and speed: what its speed may be off by, and when it was last seen."""
+REACH, SEEN, TURN = 6, 7, 8
+"""Columns of a live track after its place and speed: what its speed may be off by, when it was last seen, and the
+acceleration (3) with which it turned then, 0 where that is no more than noise."""
 START_SHARE = 0.5
 START_SPEED_M_S = 0.1
 """What is not known of a new track's speed: half of the speed that its neighbours have, and this."""
@@ -100,7 +101,8 @@ def link_points(
     time_s : (F,)
         Ascending.
     acceleration_m_s2, noise_m : float
-        A point lies within ``acceleration dt² + noise`` of where its track leads.
+        A point lies within ``acceleration dt² + noise`` of where its track leads with constant speed, or going on with
+        the turn that it has just made.
     speed_m_s : float
         No point is faster.
     longest_s : float
@@ -110,7 +112,7 @@ def link_points(
     for frame in range(len(offsets) - 1):
         most = max(most, offsets[frame + 1] - offsets[frame])
     track, room = np.full(len(points_m), -1, dtype=np.int64), ROOM * (most + 1)
-    live, name = np.zeros((room, 8)), np.zeros(room, dtype=np.int64)
+    live, name = np.zeros((room, 11)), np.zeros(room, dtype=np.int64)
     nearest, distance = np.zeros(room, dtype=np.int64), np.zeros((room, 2))
     owner, claim = np.zeros(most, dtype=np.int64), np.zeros((most, 2))
     n_live, n_names = 0, 0
@@ -127,11 +129,11 @@ def link_points(
             i = owner[p]  # the track that comes nearest to the point
             limit = max(TOO_ALIKE * claim[p, 0], noise_m)
             if i >= 0 and nearest[i] == p and distance[i, 1] > limit and claim[p, 1] > limit:
-                _follow(live[i], points[p], now)
+                _follow(live[i], points[p], now, noise_m)
             else:
                 i, owner[p] = n_live, -1
                 name[i] = n_names
-                live[i, :3], live[i, SEEN] = points[p], now
+                live[i, 0], live[i, 1], live[i, 2], live[i, SEEN] = points[p, 0], points[p, 1], points[p, 2], now
                 n_live, n_names = n_live + 1, n_names + 1
             track[offsets[frame] + p] = name[i]
         for i in range(n_old):
@@ -148,7 +150,9 @@ def _end_tracks(live: Floats, name: Ints, n_live: int, since_s: float, most: int
     kept = 0
     for i in range(n_live):
         if live[i, SEEN] >= since_s and n_live - i <= most:
-            live[kept], name[kept] = live[i], name[i]
+            for c in range(live.shape[1]):
+                live[kept, c] = live[i, c]
+            name[kept] = name[i]
             kept += 1
     return kept
 
@@ -157,19 +161,20 @@ def _end_tracks(live: Floats, name: Ints, n_live: int, since_s: float, most: int
 def _find_nearest(
     points: Floats, track: Floats, dt: float, gate: float, index: int, distance: Floats, owner: Ints, claim: Floats
 ) -> int:
-    """Return the point nearest to where a track leads, within three gates, or -1.
+    """Return the point nearest to where a track leads, straight on or still turning, within three gates, or -1.
 
     `distance` gets its distance and the next one's. Points within the gate remember in `owner` which track came
     nearest, and in `claim` its distance and the next one's.
     """
     x, y, z = track[0] + track[3] * dt, track[1] + track[4] * dt, track[2] + track[5] * dt
+    u, v, w = track[TURN] * dt * dt, track[TURN + 1] * dt * dt, track[TURN + 2] * dt * dt
     nearest, distance[0], distance[1] = -1, np.inf, np.inf
     for p in range(len(points)):
         dx = points[p, 0] - x
-        if abs(dx) > TOO_ALIKE * gate:
+        if min(abs(dx), abs(dx - u)) > TOO_ALIKE * gate:
             continue
         dy, dz = points[p, 1] - y, points[p, 2] - z
-        apart = np.sqrt(dx * dx + dy * dy + dz * dz)
+        apart = np.sqrt(min(dx * dx + dy * dy + dz * dz, (dx - u) ** 2 + (dy - v) ** 2 + (dz - w) ** 2))
         if apart > TOO_ALIKE * gate:
             continue
         if apart < distance[0]:
@@ -184,14 +189,20 @@ def _find_nearest(
 
 
 @compiled
-def _follow(track: Floats, point: Floats, now: float) -> None:
+def _follow(track: Floats, point: Floats, now: float, noise_m: float) -> None:
     """Let a track go on with a point."""
     dt = now - track[SEEN]
     if dt > 0.0:
+        square = 0.0
         for axis in range(3):
-            track[3 + axis] = (point[axis] - track[axis]) / dt
+            speed = (point[axis] - track[axis]) / dt
+            track[TURN + axis] = (speed - track[3 + axis]) / dt
+            track[3 + axis] = speed
+            square += track[TURN + axis] ** 2
+        if track[REACH] > 0.0 or square * dt**4 < noise_m * noise_m:
+            track[TURN : TURN + 3] = 0.0
         track[REACH] = 0.0
-    track[:3], track[SEEN] = point, now
+    track[0], track[1], track[2], track[SEEN] = point[0], point[1], point[2], now
 
 
 @compiled
@@ -204,7 +215,7 @@ def _start(live: Floats, n_old: int, new: int, now: float, speed_m_s: float) -> 
             weight = 1.0 / (x * x + y * y + z * z + NEAR_M2) ** 2
             total += weight
             u, v, w = u + weight * live[j, 3], v + weight * live[j, 4], w + weight * live[j, 5]
-    live[new, 3:6], live[new, REACH] = 0.0, speed_m_s
+    live[new, 3:6], live[new, REACH], live[new, TURN:] = 0.0, speed_m_s, 0.0
     if total > 0.0:
         live[new, 3], live[new, 4], live[new, 5] = u / total, v / total, w / total
         pace = np.sqrt(u * u + v * v + w * w) / total

@@ -10,7 +10,7 @@ from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints
 from bench.analysis.sorting.gates import SortSettings, SpacingGates, make_gates
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers
 
-__all__ = ["BrokenPairs", "find_leaps", "find_shared_points", "find_wrong_spacings", "take_broken_away"]
+__all__ = ["BrokenPairs", "find_leaps", "find_shared_points", "find_wrong_spacings", "take_broken_away", "tell_broken"]
 
 NOISES = 6.0
 """Standard deviations of a distance's noise by which a gate may be missed."""
@@ -68,6 +68,39 @@ def take_broken_away(frames: PointFrames, markers: SortedMarkers, settings: Sort
     from which the marker leaps back; else the less sure one; both if nothing tells. Neighbours that miss their gate in
     more than 5 % of the frames are blamed on the configuration, and left.
     """
+    wrong, warnings = _find_broken(frames, markers, settings)
+    n_broken = int(wrong.any(axis=1).sum())
+    if not n_broken:
+        return replace(markers, warnings=[*markers.warnings, *warnings])
+    return SortedMarkers.from_source(
+        frames,
+        np.where(wrong, -1, markers.source).astype(np.int16),
+        np.where(wrong, np.float32(0.0), markers.marker_confidence),
+        np.where(wrong, MarkerReason.BROKEN, markers.reason).astype(np.uint8),
+        markers.method,
+        markers.notes,
+        [*markers.warnings, *warnings, f"{_count_broken(n_broken, len(frames))} and was taken away."],
+    )
+
+
+def tell_broken(frames: PointFrames, markers: SortedMarkers, settings: SortSettings) -> SortedMarkers:
+    """Return the markers as they are, with warnings that count the frames in which one breaks an invariant."""
+    wrong, warnings = _find_broken(frames, markers, settings)
+    n_broken = int(wrong.any(axis=1).sum())
+    if n_broken:
+        told = f"{_count_broken(n_broken, len(frames))}: it is wrongly sorted. 'auto' takes such markers away."
+        warnings.append(told)
+    return replace(markers, warnings=[*markers.warnings, *warnings])
+
+
+def _count_broken(n_broken: int, n_frames: int) -> str:
+    return (
+        f"In {n_broken} of {n_frames} frames a marker broke an invariant (its spacing, a leap, a point for two markers)"
+    )
+
+
+def _find_broken(frames: PointFrames, markers: SortedMarkers, settings: SortSettings) -> tuple[Bools, list[str]]:
+    """Return the markers (F, k) to blame, and what to say of the configuration."""
     position, sure = markers.position_m.copy(), markers.marker_confidence
     leaping = find_leaps(frames, position, settings).blame(sure)
     wrong = find_shared_points(markers.source, sure) | leaping
@@ -83,7 +116,7 @@ def take_broken_away(frames: PointFrames, markers: SortedMarkers, settings: Sort
             break
         wrong |= blamed
         position[blamed] = np.nan
-    return _without(frames, markers, wrong, [_blame_configuration(marker, settings) for marker in doubtful])
+    return wrong & (markers.source >= 0), [_blame_configuration(marker, settings) for marker in doubtful]
 
 
 def find_shared_points(source: Indices, sure: Floats32) -> Bools:
@@ -204,24 +237,4 @@ def _blame_configuration(marker: int, settings: SortSettings) -> str:
     return (
         f"The distance from {before} to marker {marker} is not {spacing_mm:.0f} mm, as configured, {often}: check "
         "marker_arc_length_m."
-    )
-
-
-def _without(frames: PointFrames, markers: SortedMarkers, wrong: Bools, warnings: list[str]) -> SortedMarkers:
-    wrong &= markers.source >= 0
-    n_broken = int(wrong.any(axis=1).sum())
-    if not n_broken:
-        return replace(markers, warnings=[*markers.warnings, *warnings])
-    counted = (
-        f"In {n_broken} of {len(frames)} frames a marker broke an invariant (its spacing, a leap, a point for two "
-        "markers) and was taken away."
-    )
-    return SortedMarkers.from_source(
-        frames,
-        np.where(wrong, -1, markers.source).astype(np.int16),
-        np.where(wrong, np.float32(0.0), markers.marker_confidence),
-        np.where(wrong, MarkerReason.BROKEN, markers.reason).astype(np.uint8),
-        markers.method,
-        markers.notes,
-        [*markers.warnings, *warnings, counted],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from bench.report.accuracy.template_text import (
     judge_noise,
     tabulate_template,
 )
-from bench.report.accuracy.text import explain_skipped, tabulate_study
+from bench.report.accuracy.text import explain_skipped, say_percent_error, smallest_radius_mm, tabulate_study
 from bench.report.pages import render_page, write_page
 from bench.report.wording import say_number
 
@@ -30,6 +31,10 @@ PICTURES = {
     "median over the frames; bands: nine frames of ten.",
 }
 SPLINE = "spline"
+MARKERS_ALONE, ROD = "menger_gp", "elastica"
+"""What the analysis takes by itself: the second where places and directions of both clamps are known."""
+FREE = ("unknown", "unused")
+"""How a row is marked whose estimator was told nothing of the ends."""
 TABLE = "one row for each estimator and case, with all figures"
 
 
@@ -41,6 +46,7 @@ def write_study_page(study: Study, versions: dict[str, str], folder: Path) -> Pa
     pictures = [_subject_pictures(study, subject) for subject in subjects] + ([_rod_pictures(study)] if rods else [])
     context = {
         "keys": _keys(study),
+        "paper": _say_paper(study),
         "noise": f"{1e3 * study.conditions['noise'].noise_m:g}",
         "high_noise": f"{1e3 * HIGH_NOISE_M:g}",
         "placement": f"{1e3 * PLACEMENT_M:g}",
@@ -91,11 +97,43 @@ def _picture(svg: str, name: str, caption: str) -> dict[str, Any]:
 
 
 def _keys(study: Study) -> list[dict[str, str]]:
-    """Return the paper's own two figures first: they say that its method is the one measured here."""
-    keys = []
-    for key, paper in (("circle", "around 15 % in the paper's Fig. 7"), ("catenary", "around 10 % in its Fig. 8")):
-        row = next((r for r in study.rows if (r.subject, r.condition, r.estimator) == (key, "ideal", SPLINE)), None)
-        if row and row.figures:
-            value = say_number(100 * row.figures.max_radius_error, 1)
-            keys.append({"name": f"Paper's spline, {key}, ideal", "value": value, "about": paper})
-    return keys
+    """Return what the methods in use err by: between the clamps, and where a cable is bent most, beside them."""
+    rods = [subject for subject in study.subjects if subject.is_rod]
+    picked = [_radius_key(study)]
+    if rods:
+        tightest = min(rods, key=smallest_radius_mm)
+        picked += [
+            _peak_key(study, tightest, MARKERS_ALONE, FREE, "Beside a clamp, markers alone"),
+            _peak_key(study, tightest, ROD, ("known",), "Beside a clamp, clamps given"),
+        ]
+    return [key for key in picked if key]
+
+
+def _radius_key(study: Study) -> dict[str, str]:
+    row = study.find("circle", "noise", MARKERS_ALONE, FREE)
+    if row is None or row.figures is None:
+        return {}
+    noise = f"{1e3 * study.conditions['noise'].noise_m:g} mm noise"
+    value = say_percent_error(row.figures.max_radius_error)
+    return {"name": "Circle, markers alone", "value": value, "about": f"largest error of the radius, {noise}"}
+
+
+def _peak_key(study: Study, rod: Subject, estimator: str, ends: Sequence[str], name: str) -> dict[str, str]:
+    row = study.find(rod.key, "noise", estimator, ends)
+    if row is None or row.figures is None:
+        return {}
+    about = f"error of the largest curvature where the true smallest radius is {smallest_radius_mm(rod):.0f} mm"
+    return {"name": name, "value": say_percent_error(row.figures.peak_bias), "about": about}
+
+
+def _say_paper(study: Study) -> str:
+    """Return how near the paper's own figures come out: they say that its method is the one measured here."""
+    rows = [study.find(key, "ideal", SPLINE, FREE) for key in ("circle", "catenary")]
+    figures = [row.figures for row in rows if row and row.figures]
+    if len(figures) < 2:
+        return ""
+    circle, catenary = (say_number(100 * one.max_radius_error, 1) for one in figures)
+    return (
+        f"The paper's own figures come out again: its spline errs by up to {circle} % on the ideal circle (around "
+        f"15 % in its Fig. 7) and {catenary} % on the ideal catenary (around 10 % in its Fig. 8)."
+    )

@@ -11,7 +11,16 @@ from bench.analysis import Condition, ErrorFigures
 from bench.report.accuracy.study import Study, StudyRow, Subject
 from bench.report.wording import say_number
 
-__all__ = ["TextTable", "explain_skipped", "say_peak", "say_radius_error", "say_variant", "tabulate_study"]
+__all__ = [
+    "TextTable",
+    "explain_skipped",
+    "say_peak",
+    "say_percent_error",
+    "say_radius_error",
+    "say_variant",
+    "smallest_radius_mm",
+    "tabulate_study",
+]
 
 MISSING = "–"
 Variant = tuple[str, str]
@@ -26,6 +35,11 @@ class TextTable:
     columns: list[str]
     rows: list[list[str]]
     """The first cell of each is its name."""
+
+
+def smallest_radius_mm(subject: Subject) -> float:
+    """Return the true smallest bend radius of a shape."""
+    return 1e3 / float(subject.shape.curvature(subject.arc_length_m).max())
 
 
 def say_variant(estimator: str, ends: str) -> str:
@@ -62,8 +76,7 @@ def _tabulate_shape(study: Study, subject: Subject) -> TextTable:
 
 
 def _tabulate_rods(study: Study, rods: Sequence[Subject]) -> TextTable:
-    radii_mm = [1e3 / float(rod.shape.curvature(rod.arc_length_m).max()) for rod in rods]
-    names = [f"{rod.shape.name}, R {radius:.0f} mm" for rod, radius in zip(rods, radii_mm, strict=True)]
+    names = [f"{rod.shape.name}, R {smallest_radius_mm(rod):.0f} mm" for rod in rods]
     rows = _rows(study, lambda variant: [study.find(rod.key, "noise", *variant) for rod in rods], say_peak)
     return TextTable(
         "Cables clamped at both ends",
@@ -99,15 +112,17 @@ def _say_condition(condition: Condition) -> str:
 
 def say_radius_error(figures: ErrorFigures) -> str:
     """Return largest and rms error of the radius, %."""
-    return f"{_percent(figures.max_radius_error)} / {_percent(figures.rms_radius_error)}"
+    return f"{say_percent_error(figures.max_radius_error)} / {say_percent_error(figures.rms_radius_error)}"
 
 
 def say_peak(figures: ErrorFigures) -> str:
     """Return the error of the largest curvature, %: mean and standard deviation; and the share inside its band, %."""
     sign = "+" if figures.peak_bias > 0 else ""
-    return f"{sign}{_percent(figures.peak_bias)} ± {_percent(figures.peak_sd)}, {100 * figures.peak_inside_band:.0f}"
+    error = f"{sign}{say_percent_error(figures.peak_bias)} ± {say_percent_error(figures.peak_sd)}"
+    return f"{error}, {100 * figures.peak_inside_band:.0f}"
 
 
-def _percent(share: float) -> str:
+def say_percent_error(share: float) -> str:
+    """Return an error given as a share in %, with two or three figures, without the unit."""
     value = 100 * share
     return say_number(value, 0 if abs(value) >= 100 and np.isfinite(value) else 1 if abs(value) >= 1 else 2)

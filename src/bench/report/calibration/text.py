@@ -20,7 +20,8 @@ def describe_calibration(found: CalibrationResults) -> list[str]:
     lines = [*_describe_space(found), *_describe_time(found)]
     if found.calibration.clamp is not None:
         clamp = found.calibration.clamp
-        way = ", ".join(f"{value:.4f}" for value in clamp.direction)
+        digits = int(np.clip(-np.floor(np.log10(np.deg2rad(max(clamp.direction_sd_deg, 1e-3)) / 3)), 1, 4))
+        way = ", ".join(f"{value:.{digits}f}" for value in clamp.direction)
         lines.append(_row("clamp's direction", f"({way}) in the TCP frame, sd {clamp.direction_sd_deg:.2f} degrees"))
     spacing = found.calibration.spacing
     if spacing is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 from bench.config import RobotConfig
 from bench.drivers.base import ShownSignal
@@ -18,6 +18,31 @@ FIRST_STATE_S = 3.0
 """Machine time: a controller sends 125 states a second, if it sends any."""
 RUNTIME = ("stopping", "stopped", "playing", "pausing", "paused", "resuming")
 """UR runtime states (UR RTDE guide)."""
+ROBOT_MODES = (
+    "disconnected",
+    "confirm safety",
+    "booting",
+    "power off",
+    "power on",
+    "idle",
+    "backdrive",
+    "running",
+    "updating firmware",
+)
+"""UR robot modes (UR RTDE guide)."""
+SAFETY_STATUSES = (
+    "not told",
+    "normal",
+    "reduced",
+    "protective stop",
+    "recovery",
+    "safeguard stop",
+    "system emergency stop",
+    "robot emergency stop",
+    "violation",
+    "fault",
+)
+"""UR safety statuses (UR RTDE guide)."""
 
 
 class UrSignalWatch:
@@ -60,12 +85,11 @@ class UrSignalWatch:
 
 
 def _describe(state: RobotState) -> list[ShownSignal]:
-    runtime = RUNTIME[state.runtime_state] if 0 <= state.runtime_state < len(RUNTIME) else "unknown"
     shown = {
         "controller_time": f"{state.controller_time_s:.3f} s",
-        "runtime_state": f"{state.runtime_state} ({runtime})",
-        "robot_mode": f"{state.robot_mode}",
-        "safety_status": f"{state.safety_status}",
+        "runtime_state": _named(state.runtime_state, RUNTIME),
+        "robot_mode": _named(state.robot_mode, ROBOT_MODES),
+        "safety_status": _named(state.safety_status, SAFETY_STATUSES),
         "speed_slider": f"{state.speed_fraction:.0%}",
         "cycle_count": f"{state.cycle_count}",
         "cycle_running": f"{state.cycle_running}",
@@ -76,6 +100,10 @@ def _describe(state: RobotState) -> list[ShownSignal]:
         "digital_outputs": f"{state.digital_outputs:#x}",
     }
     return [ShownSignal(name, value) for name, value in shown.items()]
+
+
+def _named(value: int, names: Sequence[str]) -> str:
+    return f"{value} ({names[value] if 0 <= value < len(names) else 'unknown'})"
 
 
 def _join(values: Iterable[float]) -> str:
