@@ -137,8 +137,27 @@ def _encode_fields(schema: Schema, fields: Sequence[Field], values: Mapping[str,
         if isinstance(items, bytes) and field.type == "uint8":
             out += items
             continue
+        _encode_items(schema, field.type, items, out)
+
+
+def _encode_items(schema: Schema, kind: str, items: Sequence[Any], out: bytearray) -> None:
+    code, names = _numbers_in(schema, kind)
+    if not code:
         for item in items:
-            _encode_one(schema, field.type, item, out)
+            _encode_one(schema, kind, item, out)
+    elif len(items):  # numbers of one size stand side by side: packed at once they cost a sixth
+        numbers = [(item or {}).get(name) for item in items for name in names] if names else items
+        _pad(out, struct.calcsize("<" + code))
+        out += struct.pack(f"<{len(numbers)}{code}", *(0 if number is None else number for number in numbers))
+
+
+def _numbers_in(schema: Schema, kind: str) -> tuple[str, list[str]]:
+    """Return the `struct` code of a number, or of all fields, and their names, of a point, a colour; "" for others."""
+    if kind in PRIMITIVES:
+        return PRIMITIVES[kind], []
+    fields = schema.types.get(kind, ())
+    codes = {PRIMITIVES.get(field.type, "") if field.length is None else "" for field in fields}
+    return (codes.pop(), [field.name for field in fields]) if len(codes) == 1 else ("", [])
 
 
 def _encode_one(schema: Schema, kind: str, value: Any, out: bytearray) -> None:
