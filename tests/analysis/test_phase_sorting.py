@@ -82,24 +82,39 @@ def test_a_cable_that_slips_is_learnt_anew() -> None:
     assert any("learnt anew at cycle 15" in note for note in found.warnings)
 
 
-def test_wrong_labels_in_a_seventh_of_the_learnt_frames_do_not_reach_the_template(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def poison(monkeypatch: pytest.MonkeyPatch, share: float) -> None:
+    """Let the template learn from labels that are wrong in that share of the frames."""
+
     def poisoned(frames: PointFrames, cable: SortSettings) -> SortedMarkers:
         found = sort_by_chain(frames, cable)
-        wrong = np.random.default_rng(1).random(len(frames)) < 0.15
+        wrong = np.random.default_rng(1).random(len(frames)) < share
         source, sure = found.source.copy(), np.zeros_like(found.reason)
         source[wrong] = np.roll(source[wrong], 1, axis=1)
         return SortedMarkers.from_source(frames, source, np.ones(source.shape, np.float32), sure, "poisoned")
 
+    monkeypatch.setattr(learning, "sort_by_chain", poisoned)
+
+
+def test_wrong_labels_in_a_seventh_of_the_learnt_frames_do_not_reach_the_template(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     take = make_take(LOOP, 12, USUAL, seed=5)
     clean = learn_cycle(frames_of(take), settings_of(take, USUAL))
-    monkeypatch.setattr(learning, "sort_by_chain", poisoned)
+    poison(monkeypatch, 0.15)
     template = learn_cycle(frames_of(take), settings_of(take, USUAL))
     assert clean is not None
     assert template is not None
     assert np.mean(np.linalg.norm(template.position_m - clean.position_m, axis=2) > 0.010) < 0.002
     assert take.score(sort_take(take).source)[0] > 0.995
+
+
+def test_a_template_learnt_from_wrong_labels_is_told_by_the_chain_search(monkeypatch: pytest.MonkeyPatch) -> None:
+    take = make_take(LOOP, 6, USUAL, seed=5)
+    assert sort_take(take).warnings == []
+    poison(monkeypatch, 0.35)
+    poisoned = sort_take(take)
+    assert take.score(poisoned.source)[0] < 0.9
+    assert any("may have been learnt from wrongly sorted cycles" in text for text in poisoned.warnings)
 
 
 @pytest.mark.parametrize("missing", ["cycles", "whole cycles", "phase"])

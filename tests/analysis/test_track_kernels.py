@@ -9,7 +9,7 @@ from motion_examples import CABLE, move_cable, record
 
 from bench.analysis.kernels import motion_bridges, point_links, track_fits
 from bench.analysis.sorting.marker_motion import learn_motion
-from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks
+from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks, measure_gates
 
 Loop = Callable[..., object]
 TIME_S = np.arange(0, 0.4, 0.02)
@@ -90,7 +90,8 @@ def test_a_bridge_joins_place_and_speed_on_both_sides() -> None:
 
 def test_fitting_agrees_with_its_python() -> None:
     recording = record(2, TIME_S, miss=0.1, ghosts=2.0)
-    tracks = link_tracks(leave_out_twins(recording.frames))
+    frames = leave_out_twins(recording.frames)
+    tracks = link_tracks(frames, measure_gates(frames, np.arange(len(frames))))
     source = np.where(recording.source >= 0, tracks.offsets[:-1, None] + recording.source, -1).T.astype(np.int64)
     source[3, 5:9] = -1
     source = np.ascontiguousarray(source)

@@ -15,10 +15,12 @@ from bench.analysis import (
     PointFrames,
     SortedMarkers,
     SortSettings,
+    SpacingCalibration,
     get_sorter,
     sort_by_chain,
 )
 from bench.analysis.sorting import track_sorting
+from bench.analysis.sorting.point_tracks import LinkGates, PointTracks, link_tracks
 from bench.analysis.sorting.track_sorting import sort_by_track
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -140,8 +142,8 @@ def test_frames_that_the_chain_search_gets_wrong_are_outvoted(monkeypatch: pytes
     recording = record(10, np.arange(0, 4, 0.01))
     expected = sort(recording).source
 
-    def stumble(frames: PointFrames, cable: SortSettings) -> SortedMarkers:
-        found = sort_by_chain(frames, cable)
+    def stumble(frames: PointFrames, cable: SortSettings, known: SpacingCalibration | None) -> SortedMarkers:
+        found = sort_by_chain(frames, cable, known)
         source = found.source.copy()
         source[::4] = np.roll(source[::4], 1, axis=1)
         return replace(found, source=source)
@@ -181,3 +183,27 @@ def test_a_marker_that_comes_back_for_a_moment_is_filled_in() -> None:
     assert np.all(found.marker_confidence[90:100, 4] > 0.7)
     assert np.all(found.reason[:80] == MarkerReason.FOUND)
     assert get_sorter("track") is sort_by_track
+
+
+def test_a_long_recording_is_sorted_in_stretches_that_agree_with_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    recording = record(11, np.arange(0, 12, 0.01))
+    whole, lengths = sort(recording), []
+
+    def look(frames: PointFrames, gates: LinkGates) -> PointTracks:
+        lengths.append(len(frames))
+        return link_tracks(frames, gates)
+
+    monkeypatch.setattr(track_sorting, "STRETCH", 500)
+    monkeypatch.setattr(track_sorting, "AROUND_S", 2.0)
+    monkeypatch.setattr(track_sorting, "link_tracks", look)
+    shuffled = np.random.default_rng(11).permutation(len(recording.frames))
+    found = sort_by_track(recording.frames.take(shuffled), CABLE)
+    assert [round(n, -1) for n in lengths] == [700, 900, 400]
+    assert recording.exact(found.source[np.argsort(shuffled)]).mean() > 0.995
+    assert (found.source[np.argsort(shuffled)] != whole.source).any(axis=1).mean() < 0.005
+    assert found.warnings == whole.warnings
+    without_ends = replace(recording.frames, anchor_m=None)
+    alike = replace(CABLE, arc_length_m=tuple(np.arange(1, 9) * 0.09))
+    lengths.clear()
+    sort_by_track(without_ends, alike)  # each stretch would choose a direction of its own
+    assert lengths == [1200]

@@ -46,6 +46,16 @@ def start_bench(*arguments: str | Path) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def run_and_report(folder: Path, config: Path, n_cycles: int, speed: float) -> str:
+    """Leave `a.mcap`, `truth.parquet` and the report's folder `a`; return what the run said."""
+    files = ("--output", folder / "a.mcap", "--truth", folder / "truth.parquet")
+    run = bench("run", config, "--cycles", str(n_cycles), "--speed", f"{speed:g}", *files)
+    assert run.returncode == 0, run.stderr + run.stdout
+    report = bench("report", folder / "a.mcap", "--output", folder / "a")
+    assert report.returncode == 0, report.stderr + report.stdout
+    return run.stdout
+
+
 def simulated_text(*changes: tuple[str, str]) -> str:
     """Return the simulated bench's configuration on addresses of its own, with replacements made."""
     number = next(_hosts)

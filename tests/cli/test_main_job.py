@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench_command import bench, one_sentence, simulated_file
+from bench_command import bench, one_sentence, run_and_report, simulated_file
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from truth import join_truth, score_sorting
@@ -27,13 +27,7 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("job")
     config = simulated_file(folder, ("[robot]\n", '[robot]\nprogram_file = "bend v3.urp"\n'))
     (folder / "bend v3.urp").write_bytes(PROGRAM)
-    run = bench(
-        "run", config, "--cycles", str(N_CYCLES), "--speed", "8",
-        "--output", folder / "a.mcap", "--truth", folder / "truth.parquet",
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr + run.stdout
-    report = bench("report", folder / "a.mcap", "--output", folder / "a")
-    assert report.returncode == 0, report.stderr + report.stdout
+    run_and_report(folder, config, N_CYCLES, speed=8)
     return folder
 
 

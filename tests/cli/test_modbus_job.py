@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench_command import bench
+from bench_command import bench, run_and_report
 
 from bench.recording import open_run
 
@@ -22,14 +22,8 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("modbus")
     text = MAP.read_text(encoding="utf-8").replace("127.0.0.61", "127.0.62.201").replace("127.0.0.62", "127.0.62.202")
     (folder / "plc.toml").write_text(text, encoding="utf-8")
-    run = bench(
-        "run", folder / "plc.toml", "--cycles", str(N_CYCLES), "--speed", "2",
-        "--output", folder / "a.mcap", "--truth", folder / "truth.parquet",
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr + run.stdout
-    assert "ready robot modbus 127.0.62.201 port=5020 program=path 3" in run.stdout
-    report = bench("report", folder / "a.mcap", "--output", folder / "a")
-    assert report.returncode == 0, report.stderr + report.stdout
+    said = run_and_report(folder, folder / "plc.toml", N_CYCLES, speed=2)
+    assert "ready robot modbus 127.0.62.201 port=5020 program=path 3" in said
     return folder
 
 

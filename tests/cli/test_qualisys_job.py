@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from bench_command import bench
+from bench_command import run_and_report
 
 from bench.config import simulated_config_text
 from bench.recording import open_run
@@ -22,14 +22,8 @@ def job(tmp_path_factory: pytest.TempPathFactory) -> Path:
     text = simulated_config_text().replace("natnet", "qualisys")
     text = text.replace("127.0.0.21", "127.0.71.201").replace("127.0.0.22", "127.0.71.202")
     (folder / "qtm.toml").write_text(text, encoding="utf-8")
-    run = bench(
-        "run", folder / "qtm.toml", "--cycles", str(N_CYCLES), "--speed", "5",
-        "--output", folder / "a.mcap", "--truth", folder / "truth.parquet",
-    )  # fmt: skip
-    assert run.returncode == 0, run.stderr + run.stdout
-    assert "ready tracker qualisys 127.0.71.202 rt=22223 rate_hz=100" in run.stdout
-    report = bench("report", folder / "a.mcap", "--output", folder / "a")
-    assert report.returncode == 0, report.stderr + report.stdout
+    said = run_and_report(folder, folder / "qtm.toml", N_CYCLES, speed=5)
+    assert "ready tracker qualisys 127.0.71.202 rt=22223 rate_hz=100" in said
     return folder
 
 

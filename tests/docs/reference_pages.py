@@ -16,8 +16,8 @@ from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
 from bench.config import Config, config_schema
-from bench.recording.schemas import load_schema
-from bench.recording.topics import TOPICS
+from bench.recording.messages.schemas import load_schema
+from bench.recording.messages.topics import TOPICS
 
 REFERENCE = ROOT / "docs" / "reference"
 NOTICE = "<!-- made by tests/docs/reference_pages.py: do not edit by hand -->\n"

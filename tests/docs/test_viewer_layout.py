@@ -9,8 +9,8 @@ from typing import Any
 
 from markdown_pages import CONFIGS
 
-from bench.recording.schemas import load_schema
-from bench.recording.topics import TOPICS
+from bench.recording.messages.schemas import load_schema
+from bench.recording.messages.topics import TOPICS
 
 LAYOUT = json.loads((CONFIGS / "lichtblick_layout.json").read_text(encoding="utf-8"))
 

@@ -8,17 +8,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damaged_bytes import (
+    draw_changes,
+    draw_changes_and_a_cut,
+    find_chunks,
+    flip_a_bit,
+    record_small_chunks,
+    write_again,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, IndexType, Writer
-from recording_examples import make_frame, make_state, one_of_each, write_run
 
 from bench.errors import RecordingError, RecordingUnfinishedError
 from bench.recording import FRAME, POINTS, ROBOT, STATS, Run, open_run
-from bench.recording.cdr import encode
-from bench.recording.schemas import load_schema, parse_schema
-from bench.recording.topics import TOPICS
+from bench.recording.messages.cdr import encode
+from bench.recording.messages.schemas import load_schema, parse_schema
+from bench.recording.messages.topics import TOPICS
 
 PATIENCE_S = 30.0
 CHUNK_HEAD = 9
@@ -27,11 +34,7 @@ N_FRAMES = 30
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Return a finished file of many small chunks."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
-        some = [r for i in range(N_FRAMES) for r in (make_state(i), make_frame(i, n_points=i % 5, n_bodies=i % 3))]
-        return write_run(tmp_path_factory.mktemp("runs") / "run.mcap", [*some, *one_of_each()]).read_bytes()
+    return record_small_chunks(tmp_path_factory.mktemp("runs") / "run.mcap", N_FRAMES)
 
 
 def _open_bytes(folder: Path, data: bytes) -> Run:
@@ -42,20 +45,9 @@ def _open_bytes(folder: Path, data: bytes) -> Run:
     return run
 
 
-def _chunks(data: bytes) -> list[tuple[int, int]]:
-    """Return start and end of every chunk record, by an own walk."""
-    found, offset = [], 8
-    while offset + 9 <= len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, offset)
-        if opcode == 6:
-            found.append((offset, offset + 9 + length))
-        offset += 9 + length
-    return found
-
-
 def test_every_complete_chunk_before_a_cut_is_read(recording: bytes, tmp_path: Path) -> None:
     whole = _open_bytes(tmp_path, recording)
-    chunks = _chunks(recording)
+    chunks = find_chunks(recording)
     assert len(chunks) >= 8
     per_chunk = whole[ROBOT].sequence.tolist()
     seen = -1
@@ -87,7 +79,7 @@ def test_a_file_that_lost_its_summary_only_is_read_whole(recording: bytes, tmp_p
 
 
 def test_an_unfinished_run_knows_its_last_statistics(recording: bytes, tmp_path: Path) -> None:
-    run = _open_bytes(tmp_path, recording[: _chunks(recording)[-1][1]])
+    run = _open_bytes(tmp_path, recording[: find_chunks(recording)[-1][1]])
     assert run.exit_status == "unfinished"
     assert "unfinished: " in str(run.status)
     assert run.totals[ROBOT].written == run.topics[ROBOT]
@@ -117,10 +109,8 @@ def test_statistics_of_a_file_that_does_not_tell_what_was_enqueued_are_read(tmp_
 
 def test_a_flipped_bit_costs_its_chunk_and_is_told(recording: bytes, tmp_path: Path) -> None:
     whole = _open_bytes(tmp_path, recording)[ROBOT].sequence.tolist()
-    for start, end in _chunks(recording):
-        damaged = bytearray(recording)
-        damaged[(start + end) // 2] ^= 0x10
-        run = _open_bytes(tmp_path, bytes(damaged))
+    for start, end in find_chunks(recording):
+        run = _open_bytes(tmp_path, flip_a_bit(recording, (start, end)))
         left = run[ROBOT].sequence.tolist()
         assert 0 < len(left) <= len(whole)
         assert set(left) <= set(whole)
@@ -132,7 +122,7 @@ def test_a_flipped_bit_costs_its_chunk_and_is_told(recording: bytes, tmp_path: P
 
 def test_a_damaged_message_index_costs_nothing(recording: bytes, tmp_path: Path) -> None:
     whole = _open_bytes(tmp_path, recording)
-    for _, end in _chunks(recording):
+    for _, end in find_chunks(recording):
         (length,) = struct.unpack_from("<Q", recording, end + 1)
         for at in (end + 9 + 2, end + 9 + 6 + 8, end + 9 + 6 + 15, end + 9 + length - 2):
             damaged = bytearray(recording)
@@ -145,10 +135,8 @@ def test_a_damaged_message_index_costs_nothing(recording: bytes, tmp_path: Path)
 def test_losing_the_first_chunk_of_an_unfinished_file_does_not_make_the_others_unreadable(
     recording: bytes, tmp_path: Path
 ) -> None:
-    chunks = _chunks(recording)
-    damaged = bytearray(recording[: chunks[-1][1]])
-    damaged[(chunks[0][0] + chunks[0][1]) // 2] ^= 0x10
-    run = _open_bytes(tmp_path, bytes(damaged))
+    chunks = find_chunks(recording)
+    run = _open_bytes(tmp_path, flip_a_bit(recording[: chunks[-1][1]], chunks[0]))
     whole = _open_bytes(tmp_path, recording)[ROBOT].sequence.tolist()
     left = run[ROBOT].sequence.tolist()
     assert left == whole[len(whole) - len(left) :]
@@ -158,16 +146,10 @@ def test_losing_the_first_chunk_of_an_unfinished_file_does_not_make_the_others_u
 @settings(max_examples=150, deadline=None)
 @given(data=st.data())
 def test_whatever_bytes_are_changed_only_our_own_errors_come(recording: bytes, data: st.DataObject) -> None:
-    changed = bytearray(recording)
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(changed) - 9))
-        new = data.draw(st.sampled_from([b"\xff" * 8, b"\0" * 8, b"\x01", b"\x06", b"\xff\xff\xff\x7f", b"\x80"]))
-        changed[at : at + len(new)] = new
-    if data.draw(st.booleans()):
-        del changed[data.draw(st.integers(0, len(changed))) :]
+    changed = draw_changes_and_a_cut(data, recording)
     with tempfile.TemporaryDirectory() as folder:
         try:
-            run = _open_bytes(Path(folder), bytes(changed))
+            run = _open_bytes(Path(folder), changed)
         except RecordingError:
             return
         assert len(run[ROBOT].q_rad) <= N_FRAMES + 1
@@ -184,11 +166,7 @@ def unprotected(recording: bytes, tmp_path_factory: pytest.TempPathFactory) -> b
 @settings(max_examples=120, deadline=None)
 @given(data=st.data())
 def test_whatever_reaches_the_decoders_only_our_own_errors_come(unprotected: bytes, data: st.DataObject) -> None:
-    changed = bytearray(unprotected)
-    for _ in range(data.draw(st.integers(1, 6))):
-        at = data.draw(st.integers(0, len(changed) - 9))
-        new = data.draw(st.sampled_from([b"\xff" * 8, b"\0" * 4, b"\x01", b"\x06", b"\xff\xff\xff\x7f", b"\x80", b"["]))
-        changed[at : at + len(new)] = new
+    changed = draw_changes(data, unprotected, 6, b"\0" * 4, b"[")
     with tempfile.TemporaryDirectory() as folder:
         try:
             run = _open_bytes(Path(folder), bytes(changed))
@@ -198,14 +176,14 @@ def test_whatever_reaches_the_decoders_only_our_own_errors_come(unprotected: byt
 
 
 def test_zeros_at_the_end_as_a_power_cut_leaves_them_are_no_records(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
+    chunks = find_chunks(recording)
     run = _open_bytes(tmp_path, recording[: chunks[3][1]] + bytes(8192))
     assert "no record begins" in str(run.status)
     assert len(run[ROBOT].sequence) > 0
 
 
 def test_a_lying_length_is_damage_and_not_memory(recording: bytes, tmp_path: Path) -> None:
-    start, end = _chunks(recording)[2]
+    start, end = find_chunks(recording)[2]
     for offset, lie in ((1, 2**63), (1, 2**40), (9 + 16, 2**62), (9 + 16, 2**31)):
         damaged = bytearray(recording)
         struct.pack_into("<Q", damaged, start + offset, lie)
@@ -254,26 +232,9 @@ def test_another_programs_mcap_is_refused(tmp_path: Path) -> None:
 
 
 def _rewrite(recording: bytes, path: Path, compression: CompressionType, **options: object) -> Path:
-    """Copy a recording with another program's settings, as ``mcap compress`` or ``mcap filter`` do."""
     source = path.with_suffix(".source")
     source.write_bytes(recording)
-    with source.open("rb") as stream, path.open("wb") as target:
-        reader = make_reader(stream)
-        writer = Writer(target, chunk_size=4000, compression=compression, **options)  # type: ignore[arg-type]
-        writer.start()
-        channels: dict[str, int] = {}
-        for metadata in reader.iter_metadata():
-            writer.add_metadata(metadata.name, metadata.metadata)
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.topic not in channels:
-                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", schema_id)
-            writer.add_message(
-                channels[channel.topic], message.log_time, message.data, message.publish_time, message.sequence
-            )
-        writer.finish()
-    return path
+    return write_again(source, path, chunk_size=4000, compression=compression, **options)
 
 
 @pytest.mark.parametrize("compression", CompressionType)

@@ -106,7 +106,7 @@ def test_a_record_of_a_lying_length_is_refused(recording: bytes, tmp_path: Path,
 def test_a_flood_of_broken_records_is_passed_over_to_a_limit(
     recording: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, opcode: int
 ) -> None:
-    monkeypatch.setattr("bench.recording.scanning.MOST_NOTES", 2000)
+    monkeypatch.setattr("bench.recording.container.scanning.MOST_NOTES", 2000)
     path = tmp_path / "flood.mcap"
     path.write_bytes(_without_end(recording) + _record(opcode, b"\xff") * 3000)
     with _bounded_memory():

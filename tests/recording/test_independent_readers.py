@@ -87,7 +87,7 @@ def _from_json(values: dict[str, Any]) -> Any:
 @pytest.fixture
 def whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a finished file of several chunks."""
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 3000)
     some: list[Record] = one_of_each()[:-1]  # the recorder's own statistics come at the end
     some += [make_frame(i, n_points=i % 5, n_bodies=i % 3) for i in range(2, 2 + N_RECORDS)]
     some += [make_state(i, speed_scaling=float("nan")) for i in range(2, 2 + N_RECORDS)]

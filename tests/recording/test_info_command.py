@@ -14,7 +14,7 @@ from bench.recording import CLOCK, ROBOT, STATS, open_run
 @pytest.fixture
 def run_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return a run of a second with two cycles, of which 3 frames were missed and whose tracker clock gains."""
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 2000)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 2000)
     writer = open_writer(tmp_path / "run.mcap", extra={"bench.resumed_from": {"file": "old.mcap", "completed": "7"}})
     writer.add_device(DeviceInfo("robot", "ur", "10.0.0.2:30004", "5.15", 500.0))
     for i in range(100):

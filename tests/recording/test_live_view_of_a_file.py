@@ -15,7 +15,7 @@ from bench.live.server import LiveServer
 from bench.live.view import show_run
 from bench.model import CycleEvent, CycleEventKind, LogEntry, Record, RunState, Severity, StateChange
 from bench.recording import CYCLE, POINTS, RunFollower, open_run
-from bench.recording import writer as writer_module
+from bench.recording.writing import writer as writer_module
 
 N_FRAMES = 300
 

@@ -28,7 +28,7 @@ LIES = {
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> bytes:
     """Return a finished file of many chunks, a state and a frame every 10 ms."""
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 3000)
     some = [r for i in range(N_RECORDS) for r in (make_state(5 * i), make_frame(i, n_points=2))]
     return write_run(tmp_path / "run.mcap", some).read_bytes()
 

@@ -6,14 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from damaged_bytes import write_again
 from mcap.reader import make_reader
 from mcap.records import Message
 from mcap.stream_reader import StreamReader
-from mcap.writer import Writer
 from recording_examples import make_frame, make_state, one_of_each, write_run
 
 from bench.errors import RecordingError, RecordingUnfinishedError
-from bench.recording import ROBOT, TOPICS, Run, open_run, salvage_copy, salvage_in_place, scanning
+from bench.recording import ROBOT, TOPICS, Run, open_run, salvage_copy, salvage_in_place
+from bench.recording.container import scanning
 
 N_RECORDS = 20
 DATA_END = b"\x0f\x04\0\0\0\0\0\0\0"
@@ -29,24 +30,7 @@ def original(tmp_path: Path) -> Run:
 @pytest.fixture
 def loose(original: Run, tmp_path: Path) -> Path:
     """Return the same recording without chunks."""
-    path = tmp_path / "loose.mcap"
-    with original.path.open("rb") as stream, path.open("wb") as target:
-        reader = make_reader(stream)
-        writer = Writer(target, use_chunking=False)
-        writer.start()
-        for metadata in reader.iter_metadata():
-            writer.add_metadata(metadata.name, metadata.metadata)
-        channels: dict[str, int] = {}
-        for schema, channel, message in reader.iter_messages(log_time_order=False):
-            assert schema is not None
-            if channel.topic not in channels:
-                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel.topic] = writer.register_channel(channel.topic, "cdr", schema_id)
-            writer.add_message(
-                channels[channel.topic], message.log_time, message.data, message.publish_time, message.sequence
-            )
-        writer.finish()
-    return path
+    return write_again(original.path, tmp_path / "loose.mcap", use_chunking=False)
 
 
 def _stream(path: Path) -> Messages:

@@ -16,10 +16,10 @@ from mcap_ros2.decoder import DecoderFactory
 from recording_examples import make_frame
 
 from bench.recording import FRAME, POINTS, ROBOT, Run, open_run
-from bench.recording.cdr import encode
-from bench.recording.pointcloud import encode_cloud
-from bench.recording.schemas import load_schema, parse_schema
-from bench.recording.topics import TOPICS
+from bench.recording.messages.cdr import encode
+from bench.recording.messages.pointcloud import encode_cloud
+from bench.recording.messages.schemas import load_schema, parse_schema
+from bench.recording.messages.topics import TOPICS
 
 ROBOT_STATE = "bench_msgs/msg/RobotState"
 NUMBERS = {

@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 from recording_examples import make_frame, make_state, write_run
 
-from bench.recording import POINTS, ROBOT, Run, batches, open_run
-from bench.recording.ahead import work_in_turn
-from bench.recording.chunks import Data, read_offsets
-from bench.recording.container import Chunk, DamagedError
-from bench.recording.files import RunFiles
-from bench.recording.gathering import MESSAGE_HEAD
+from bench.recording import POINTS, ROBOT, Run, open_run
+from bench.recording.container.chunks import Data, read_offsets
+from bench.recording.container.contents import Chunk, DamagedError
+from bench.recording.files.run_files import RunFiles
+from bench.recording.reading import batches
+from bench.recording.reading.gathering import MESSAGE_HEAD
+from bench.recording.reading.in_turn import work_in_turn
 
 N_RECORDS = 60
 
@@ -48,7 +49,7 @@ def test_what_is_raised_in_one_turn_ends_all_of_them() -> None:
 
 
 def _write_small_chunks(path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 3000)
     records = [record for i in range(N_RECORDS) for record in (make_state(i), make_frame(i, n_points=i % 5))]
     return open_run(write_run(path, records))
 
@@ -120,7 +121,7 @@ def test_an_index_that_names_messages_of_the_next_chunk_is_not_believed(
 def test_points_find_room_however_their_number_changes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, widths: list[int]
 ) -> None:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 3000)
     monkeypatch.setattr(batches, "BATCH_BYTES", 6000)
     frames = [make_frame(i, n_points=n) for i, n in enumerate(widths)]
     points = open_run(write_run(tmp_path / "run.mcap", frames))[POINTS]

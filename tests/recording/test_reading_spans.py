@@ -15,7 +15,8 @@ from mcap.writer import CompressionType, Writer
 from recording_examples import T0_NS, make_frame, make_state, one_of_each, write_run
 
 from bench.model import Record
-from bench.recording import BODIES, POINTS, ROBOT, Columns, Run, batches, open_run
+from bench.recording import BODIES, POINTS, ROBOT, Columns, Run, open_run
+from bench.recording.reading import batches
 
 MS = 1_000_000
 PER_POINT = ("points_m", "residual_m", "ids", "flags")

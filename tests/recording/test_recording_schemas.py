@@ -10,9 +10,9 @@ from recording_examples import one_of_each
 
 from bench.errors import RecordingError
 from bench.model import ClockSource, CycleEventKind, RobotState, Severity, StampKind
-from bench.recording.cdr import CdrError, Layout, decode, encode
-from bench.recording.schemas import load_schema, parse_schema
-from bench.recording.topics import TOPICS, encode_record
+from bench.recording.messages.cdr import CdrError, Layout, decode, encode
+from bench.recording.messages.schemas import load_schema, parse_schema
+from bench.recording.messages.topics import TOPICS, encode_record
 
 
 @pytest.mark.parametrize(

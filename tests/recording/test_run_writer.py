@@ -38,7 +38,7 @@ def stuck_writer(path: Path, monkeypatch: pytest.MonkeyPatch, **changes: Any) ->
     clock = ManualClock(T0_NS)
     writer = open_writer(path, clock, **changes)
     disk = StuckDisk()
-    monkeypatch.setattr("bench.recording.output.os.fdatasync", disk)
+    monkeypatch.setattr("bench.recording.files.output.os.fdatasync", disk)
     clock.advance_ns(2_000_000_000)
     assert disk.reached.wait(PATIENCE_S)
     try:
@@ -132,7 +132,7 @@ def test_a_disk_that_is_full_at_once_leaves_nothing_behind(tmp_path: Path, monke
     def full(_descriptor: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr("bench.recording.output.os.fdatasync", full)
+    monkeypatch.setattr("bench.recording.files.output.os.fdatasync", full)
     with pytest.raises(DiskFullError, match="No space left"):
         open_writer(tmp_path / "run.mcap")
     assert list(tmp_path.iterdir()) == []
@@ -158,7 +158,7 @@ def test_a_file_system_without_links_is_no_obstacle(
         raise OSError(errno.EPERM, os.strerror(errno.EPERM))
 
     writer = open_writer(tmp_path / "run.mcap")
-    monkeypatch.setattr("bench.recording.output.os.link", no_links)
+    monkeypatch.setattr("bench.recording.files.output.os.link", no_links)
     if taken:
         (tmp_path / "run.mcap").write_bytes(b"precious")
         with pytest.raises(RecordingExistsError):
@@ -218,7 +218,7 @@ class RushingClock(ManualClock):
 def test_a_long_queue_does_not_put_off_the_sync(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     disk = StuckDisk()
     writer = open_writer(tmp_path / "run.mcap", RushingClock(T0_NS))
-    monkeypatch.setattr("bench.recording.output.os.fdatasync", disk)
+    monkeypatch.setattr("bench.recording.files.output.os.fdatasync", disk)
     assert disk.reached.wait(PATIENCE_S)
     for i in range(5000):
         writer.put(make_state(i))

@@ -8,13 +8,14 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from damaged_bytes import draw_changes_and_a_cut, find_chunks, find_records, flip_a_bit, record_small_chunks
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from mcap_ros2.decoder import DecoderFactory
-from recording_examples import make_frame, make_state, one_of_each, write_run
+from recording_examples import make_frame, make_state, write_run
 
 from bench.errors import RecordingError, RecordingExistsError, RecordingUnfinishedError
 from bench.recording import ROBOT, Salvaged, open_run, salvage_copy, salvage_in_place
@@ -25,25 +26,7 @@ Messages = list[tuple[str, int, int, int, bytes]]
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """Return a finished file of many small chunks."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("bench.recording.writer.CHUNK_BYTES", 3000)
-        some = [r for i in range(N_FRAMES) for r in (make_state(i), make_frame(i, n_points=i % 5, n_bodies=i % 3))]
-        return write_run(tmp_path_factory.mktemp("runs") / "run.mcap", [*some, *one_of_each()]).read_bytes()
-
-
-def _records(data: bytes) -> list[tuple[int, int, int]]:
-    """Return opcode, start and end of every record, by an own walk."""
-    found, offset = [], 8
-    while offset + 9 <= len(data) - 8:
-        opcode, length = struct.unpack_from("<BQ", data, offset)
-        found.append((opcode, offset, offset + 9 + length))
-        offset += 9 + length
-    return found
-
-
-def _chunks(data: bytes) -> list[tuple[int, int]]:
-    return [(start, end) for opcode, start, end in _records(data) if opcode == 6]
+    return record_small_chunks(tmp_path_factory.mktemp("runs") / "run.mcap", N_FRAMES)
 
 
 def _read(path: Path) -> Messages:
@@ -88,7 +71,7 @@ def _messages_of(recording: bytes, folder: Path, keep: list[int] | None = None) 
 
 def _count_by_chunk(recording: bytes) -> list[int]:
     counts: list[int] = []
-    for opcode, start, end in _records(recording):
+    for opcode, start, end in find_records(recording):
         if opcode == 6:
             counts.append(0)
         elif opcode == 7:
@@ -116,11 +99,11 @@ def _finish(folder: Path, data: bytes) -> Salvaged:
 def test_every_whole_record_before_a_cut_is_kept_wherever_the_cut_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, salvage: Callable[[Path, bytes], Salvaged]
 ) -> None:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     small = write_run(tmp_path / "small.mcap", [make_state(0), make_frame(0, 1)]).read_bytes()
     monkeypatch.setattr("os.fsync", lambda _: None)  # what is on the disk is not the question, and thousands take long
     monkeypatch.setattr("os.fdatasync", lambda _: None)
-    whole, counts, chunks = _messages_of(small, tmp_path), _count_by_chunk(small), _chunks(small)
+    whole, counts, chunks = _messages_of(small, tmp_path), _count_by_chunk(small), find_chunks(small)
     n_seen = set()
     begin = chunks[0][1] - 9  # of what stands before there is nothing to keep
     for cut in [*range(0, begin, 37), *range(begin, chunks[-1][1] + 9)]:
@@ -144,7 +127,7 @@ def test_every_whole_record_before_a_cut_is_kept_wherever_the_cut_is(
 def test_a_recording_cut_between_two_records_loses_nothing_and_says_that_it_broke_off(
     recording: bytes, tmp_path: Path, salvage: Callable[[Path, bytes], Salvaged]
 ) -> None:
-    starts = [start for opcode, start, _ in _records(recording) if opcode == 6]
+    starts = [start for opcode, start, _ in find_records(recording) if opcode == 6]
     salvaged = salvage(tmp_path, recording[: starts[4]])
     assert (salvaged.lost, salvaged.was_complete, salvaged.is_closed) == ((), False, False)
     run = open_run(salvaged.path)
@@ -159,7 +142,7 @@ def test_a_recording_cut_between_two_records_loses_nothing_and_says_that_it_brok
 def test_a_recording_that_lost_its_summary_only_is_complete_again(
     recording: bytes, tmp_path: Path, salvage: Callable[[Path, bytes], Salvaged]
 ) -> None:
-    data_end = next(end for opcode, _, end in _records(recording) if opcode == 15)
+    data_end = next(end for opcode, _, end in find_records(recording) if opcode == 15)
     for cut in (data_end - 13, data_end - 5, data_end, data_end + 700, len(recording) - 1):
         salvaged = salvage(tmp_path, recording[:cut])
         assert (salvaged.lost, salvaged.is_closed) == ((), True)
@@ -170,7 +153,7 @@ def test_a_recording_that_lost_its_summary_only_is_complete_again(
 
 
 def test_a_salvaged_file_is_decoded_bit_equal_by_ros2s_own_rules(recording: bytes, tmp_path: Path) -> None:
-    cut = _chunks(recording)[-2][1] + 40
+    cut = find_chunks(recording)[-2][1] + 40
     columns = open_run(_finish(tmp_path, recording[:cut]).path)[ROBOT]
     with (tmp_path / "run.mcap").open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
@@ -182,11 +165,9 @@ def test_a_salvaged_file_is_decoded_bit_equal_by_ros2s_own_rules(recording: byte
 def test_a_damaged_chunk_is_left_out_of_the_copy_and_named_with_its_times_and_topics(
     recording: bytes, tmp_path: Path
 ) -> None:
-    chunks, counts = _chunks(recording), _count_by_chunk(recording)
+    chunks, counts = find_chunks(recording), _count_by_chunk(recording)
     for number, (start, end) in enumerate(chunks):
-        damaged = bytearray(recording)
-        damaged[(start + end) // 2] ^= 0x10
-        salvaged = _copy(tmp_path, bytes(damaged))
+        salvaged = _copy(tmp_path, flip_a_bit(recording, (start, end)))
         keep = [i for i in range(len(chunks)) if i != number]
         assert _read(salvaged.path) == _messages_of(recording, tmp_path, keep)
         (sentence,) = salvaged.lost
@@ -200,7 +181,7 @@ def test_a_damaged_chunk_is_left_out_of_the_copy_and_named_with_its_times_and_to
 
 
 def test_a_damaged_length_costs_its_record_and_not_what_stands_behind_it(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
+    chunks = find_chunks(recording)
     for number, (start, _) in enumerate(chunks[:-1]):
         damaged = bytearray(recording)
         struct.pack_into("<Q", damaged, start + 1, 2**40)
@@ -211,8 +192,8 @@ def test_a_damaged_length_costs_its_record_and_not_what_stands_behind_it(recordi
 
 
 def test_a_damaged_index_is_made_anew(recording: bytes, tmp_path: Path) -> None:
-    for opcode, start, end in _records(recording):
-        if opcode != 7 or start > _chunks(recording)[3][0]:
+    for opcode, start, end in find_records(recording):
+        if opcode != 7 or start > find_chunks(recording)[3][0]:
             continue
         for at in (start, start + 9, start + 11, start + 15, start + 23, end - 2):
             damaged = bytearray(recording)
@@ -223,10 +204,8 @@ def test_a_damaged_index_is_made_anew(recording: bytes, tmp_path: Path) -> None:
 
 
 def test_definitions_that_were_lost_with_the_first_chunk_are_written_again(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
-    damaged = bytearray(recording[: chunks[-1][1]])
-    damaged[(chunks[0][0] + chunks[0][1]) // 2] ^= 0x10
-    salvaged = _copy(tmp_path, bytes(damaged))
+    chunks = find_chunks(recording)
+    salvaged = _copy(tmp_path, flip_a_bit(recording[: chunks[-1][1]], chunks[0]))
     assert _read(salvaged.path) == _messages_of(recording, tmp_path, list(range(1, len(chunks))))
 
 
@@ -235,18 +214,12 @@ def test_definitions_that_were_lost_with_the_first_chunk_are_written_again(recor
 def test_whatever_bytes_are_changed_the_copy_holds_only_what_was_recorded(
     recording: bytes, data: st.DataObject
 ) -> None:
-    changed = bytearray(recording)
-    for _ in range(data.draw(st.integers(1, 4))):
-        at = data.draw(st.integers(0, len(changed) - 9))
-        new = data.draw(st.sampled_from([b"\xff" * 8, b"\0" * 8, b"\x01", b"\x06", b"\xff\xff\xff\x7f", b"\x80"]))
-        changed[at : at + len(new)] = new
-    if data.draw(st.booleans()):
-        del changed[data.draw(st.integers(0, len(changed))) :]
+    changed = draw_changes_and_a_cut(data, recording)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         whole = Counter(_messages_of(recording, folder))
         try:
-            salvaged = _copy(folder, bytes(changed))
+            salvaged = _copy(folder, changed)
         except RecordingUnfinishedError:
             assert not (folder / "good.mcap").exists()
             return
@@ -255,7 +228,7 @@ def test_whatever_bytes_are_changed_the_copy_holds_only_what_was_recorded(
 
 
 def test_in_place_touches_nothing_but_the_end(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
+    chunks = find_chunks(recording)
     _finish(tmp_path, recording[: chunks[5][1] - 3])
     keep = chunks[4][1]
     assert (tmp_path / "run.mcap").read_bytes()[:keep] == recording[:keep]
@@ -263,7 +236,7 @@ def test_in_place_touches_nothing_but_the_end(recording: bytes, tmp_path: Path) 
 
 
 def test_a_torn_end_is_cut_away_in_place(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
+    chunks = find_chunks(recording)
     torn = bytearray(recording[: chunks[6][1]])
     torn[(chunks[5][0] + chunks[5][1]) // 2 :] = bytes(len(torn) - (chunks[5][0] + chunks[5][1]) // 2)
     salvaged = _finish(tmp_path, bytes(torn) + bytes(8192))
@@ -272,12 +245,11 @@ def test_a_torn_end_is_cut_away_in_place(recording: bytes, tmp_path: Path) -> No
 
 
 def test_a_file_damaged_before_its_end_is_not_finished_in_place(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
-    damaged = bytearray(recording[: chunks[6][1]])
-    damaged[(chunks[2][0] + chunks[2][1]) // 2] ^= 0x10
+    chunks = find_chunks(recording)
+    damaged = flip_a_bit(recording[: chunks[6][1]], chunks[2])
     with pytest.raises(RecordingError, match=rf"damaged at byte {chunks[2][0] + 9}, before its end.*--output"):
-        _finish(tmp_path, bytes(damaged))
-    assert (tmp_path / "run.mcap.active").read_bytes() == bytes(damaged)
+        _finish(tmp_path, damaged)
+    assert (tmp_path / "run.mcap.active").read_bytes() == damaged
 
 
 def test_a_complete_file_is_left_alone(recording: bytes, tmp_path: Path) -> None:
@@ -288,10 +260,8 @@ def test_a_complete_file_is_left_alone(recording: bytes, tmp_path: Path) -> None
 
 
 def test_a_salvaged_file_salvaged_again_says_what_it_lost_still(recording: bytes, tmp_path: Path) -> None:
-    chunks = _chunks(recording)
-    damaged = bytearray(recording)
-    damaged[(chunks[2][0] + chunks[2][1]) // 2] ^= 0x10
-    first = _copy(tmp_path, bytes(damaged))
+    chunks = find_chunks(recording)
+    first = _copy(tmp_path, flip_a_bit(recording, chunks[2]))
     (sentence,) = first.lost
     again = _copy(tmp_path, first.path.read_bytes()[:-3])
     assert sentence in open_run(again.path).status.lost
@@ -320,6 +290,6 @@ def test_another_programs_recording_is_salvaged_too(tmp_path: Path) -> None:
             writer.add_message(channel, i, b"{}", i)
         writer.finish()
     whole = path.read_bytes()
-    salvaged = _copy(tmp_path, whole[: _chunks(whole)[-1][0] + 20])
+    salvaged = _copy(tmp_path, whole[: find_chunks(whole)[-1][0] + 20])
     assert [message[1] for message in _read(salvaged.path)] == list(range(sum(_count_by_chunk(whole)[:-1])))
     assert salvaged.is_closed

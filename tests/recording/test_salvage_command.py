@@ -13,7 +13,7 @@ from bench.run.journal import Journal
 
 @pytest.fixture
 def recording(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> bytes:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     return write_run(tmp_path / "whole.mcap", [make_state(0), make_frame(0)]).read_bytes()
 
 

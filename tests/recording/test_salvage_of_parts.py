@@ -9,7 +9,7 @@ from recording_examples import make_frame, make_state, open_writer
 
 from bench.errors import RecordingError, RecordingExistsError
 from bench.recording import FRAME, ROBOT, open_run, salvage_copy, salvage_in_place
-from bench.recording.status import LAST_SECOND
+from bench.recording.reading.status import LAST_SECOND
 from bench.run.journal import Journal, is_held
 
 N_RECORDS = 30
@@ -17,9 +17,9 @@ N_RECORDS = 30
 
 @pytest.fixture
 def split(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     for name in ("fdatasync", "fsync"):
-        monkeypatch.setattr(f"bench.recording.output.os.{name}", lambda _descriptor: None)
+        monkeypatch.setattr(f"bench.recording.files.output.os.{name}", lambda _descriptor: None)
     writer = open_writer(tmp_path / "run.mcap", split_bytes=9_000, attachments={"calibration.toml": "[a]"})
     for i in range(N_RECORDS):
         writer.put(make_state(i))

@@ -40,13 +40,13 @@ SPLIT_BYTES = 9_000
 
 @pytest.fixture(autouse=True)
 def small_chunks(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     spare_the_disk(monkeypatch)
 
 
 def spare_the_disk(monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("fdatasync", "fsync"):
-        monkeypatch.setattr(f"bench.recording.output.os.{name}", lambda _descriptor: None)
+        monkeypatch.setattr(f"bench.recording.files.output.os.{name}", lambda _descriptor: None)
 
 
 def write_split(path: Path, recorded: Sequence[Record], split_bytes: int = SPLIT_BYTES, **changes: Any) -> Path:
@@ -193,7 +193,7 @@ def test_spans_edges_streams_and_messages_go_over_the_parts(split: Path) -> None
 
 
 def test_more_parts_than_are_open_at_once_are_read(split: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.recording.files.MOST_OPEN", 2)
+    monkeypatch.setattr("bench.recording.files.run_files.MOST_OPEN", 2)
     before = len(list(Path("/proc/self/fd").iterdir()))
     assert read_states(split) == list(range(N_RECORDS))
     assert len(list(Path("/proc/self/fd").iterdir())) == before
@@ -387,9 +387,9 @@ def test_a_disk_that_is_full_at_a_parts_end_ends_the_recording_in_order(
 
     writer = open_writer(tmp_path / "run.mcap", split_bytes=SPLIT_BYTES, on_failure=on_failure)
     if name == "run.mcap":
-        monkeypatch.setattr("bench.recording.part_writing.RunPart.finish", full)
+        monkeypatch.setattr("bench.recording.writing.part_writing.RunPart.finish", full)
     else:
-        monkeypatch.setattr("bench.recording.part_writing.RunPart.add_metadata", full)
+        monkeypatch.setattr("bench.recording.writing.part_writing.RunPart.add_metadata", full)
     for record in states_and_frames():
         writer.put(record)
     assert failed.wait(PATIENCE_S)
@@ -449,7 +449,7 @@ def test_a_kill_at_any_step_of_going_on_in_the_next_part_leaves_a_run_that_is_re
     writer = open_writer(folder / "run.mcap", split_bytes=SPLIT_BYTES)
     snapshots = Snapshots(folder, copies)
     for name in ("fdatasync", "fsync", "link", "unlink", "open"):
-        monkeypatch.setattr(f"bench.recording.output.os.{name}", snapshots.around(getattr(os, name)))
+        monkeypatch.setattr(f"bench.recording.files.output.os.{name}", snapshots.around(getattr(os, name)))
     for record in states_and_frames(12):
         writer.put(record)
     while len(writer.paths) < 4 or writer.queue_length or writer._parts._ending is not None:

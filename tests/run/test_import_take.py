@@ -207,7 +207,7 @@ def test_a_recorder_that_fails_ends_the_import_with_its_own_error(
     def fail(_record: object) -> None:
         raise OSError(28, os.strerror(28))
 
-    monkeypatch.setattr("bench.recording.writer.RunWriter._write", lambda _self, record: fail(record))
+    monkeypatch.setattr("bench.recording.writing.writer.RunWriter._write", lambda _self, record: fail(record))
     with pytest.raises(RecordingError, match="No space left on device") as caught:
         run_import(MARKERS, tmp_path)
     assert caught.value.exit_code == 5

@@ -110,7 +110,7 @@ def test_the_journal_knows_the_last_second_that_the_file_lacks(tmp_path: Path) -
 def test_a_run_that_was_killed_in_its_third_part_is_gone_on_with_from_its_last_cycle(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("bench.recording.writer.CHUNK_BYTES", 1)
+    monkeypatch.setattr("bench.recording.writing.writer.CHUNK_BYTES", 1)
     path = write_run(tmp_path / "a.mcap", 9, split_bytes=9_000)
     parts = open_run(path).parts
     assert len(parts) > 3

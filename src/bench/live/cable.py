@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 
 from bench.analysis import ClampedEnds, CurveEstimate, fit_elastica, fit_menger_gp, interpolate_curve, whole_take
-from bench.analysis.arrays import Floats, Floats32
 from bench.config import Config
 from bench.errors import AnalysisError, BenchError
 from bench.model import CycleEventKind
@@ -21,6 +20,9 @@ from bench.report.source import TrackerFrames, read_frames
 from bench.report.trace import trace_cable
 
 __all__ = ["LiveCable", "TracedFrame"]
+
+Floats = npt.NDArray[np.float64]
+Floats32 = npt.NDArray[np.float32]
 
 _TOPICS = (FRAME, POINTS, BODIES, CLOCK)
 _log = logging.getLogger(__name__)

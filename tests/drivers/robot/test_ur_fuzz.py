@@ -18,7 +18,7 @@ from bench.drivers.robot.ur.recipe import DATA_TYPES, Recipe
 from bench.drivers.robot.ur.state import UrStateStream
 from bench.errors import ConnectError, DeviceStateError, LinkLostError, ProtocolError
 from bench.model import LogEntry, RobotState
-from bench.recording.topics import encode_record
+from bench.recording.messages.topics import encode_record
 from bench.simulation.ur.variables import INPUT_TYPES, OUTPUT_TYPES, initial_values
 from bench.timing import RunClock
 

@@ -345,7 +345,8 @@ def search_chains(
         n = gather_points(points_m, usable, rows[0], rows[1], anchor_m[frame], reach_m[k], place, index)
         if n > MOST_POINTS:
             continue
-        place[n], place[n + 1] = anchor_m[frame], end_m[frame]
+        for c in range(3):
+            place[n, c], place[n + 1, c] = anchor_m[frame, c], end_m[frame, c]
         measure_pairs(place, n + 2, distance, way)
         close_chains(n, np.isfinite(end_m[frame]).all(), distance, ends, end_costs, hidden, closing)
         sort_neighbours(n, distance, near, near_m)

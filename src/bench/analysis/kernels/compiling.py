@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import gc
 import hashlib
+import logging
 import os
 import shutil
 from collections.abc import Callable
@@ -11,15 +13,21 @@ from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core import event
 
 __all__ = ["compiled"]
 
 Loop = TypeVar("Loop", bound=Callable[..., object])
 PREFIX = "compiled-"
+_log = logging.getLogger(__name__)
 
 
 def compiled(loop: Loop) -> Loop:
-    """Compile a function of arrays and numbers at its first call; its plain Python stays callable as ``py_func``."""
+    """Compile a function of arrays and numbers at its first call; its plain Python stays callable as ``py_func``.
+
+    A row is filled number by number: from ``row[:] = other`` numba makes code for the words of an error about unequal
+    lengths, which takes 1.5 s, as long as ten loops.
+    """
     config: Any = numba.config
     before = config.CACHE_DIR
     try:
@@ -68,3 +76,50 @@ def _make(parent: Path, name: str) -> Path:
     if not os.access(folder, os.W_OK):
         raise PermissionError(f"{folder} cannot be written")
     return folder
+
+
+class Wait(event.Listener):
+    """What is done while a loop of the analysis is compiled: the wait is explained, once, and kept short.
+
+    Compiling makes millions of objects that refer to each other; looking for garbage among them takes a fifth of the
+    time, so it waits until the loop is compiled.
+    """
+
+    def __init__(self) -> None:
+        self.is_explained = False
+        self._depth = 0
+        """Loops being compiled: one, and those that it calls."""
+        self._collects = False
+
+    def on_start(self, started: Any) -> None:
+        if self._depth == 0:
+            if not started.data["dispatcher"].py_func.__module__.startswith(__package__):
+                return
+            self._collects = gc.isenabled()
+            gc.disable()
+            self._explain()
+        self._depth += 1
+
+    def on_end(self, _: Any) -> None:
+        if self._depth == 0:
+            return
+        self._depth -= 1
+        if self._depth == 0 and self._collects:
+            gc.enable()
+
+    def _explain(self) -> None:
+        if not self.is_explained:
+            self.is_explained = True
+            _log.warning("Compiling the loops of the analysis, %s: up to 15 s.", _say_how_often())
+
+
+def _say_how_often() -> str:
+    try:
+        find_cache()
+    except OSError:
+        return "in each process, for neither the package's folder nor the user's cache can be written"
+    return "once on this machine"
+
+
+wait = Wait()
+event.register("numba:compile", wait)  # type: ignore[no-untyped-call]

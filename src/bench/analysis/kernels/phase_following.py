@@ -117,7 +117,8 @@ def _list_pairs(
     for j in range(len(gate)):
         widest = beside_gate[j] if is_known[j] else np.inf
         if gate[j] > widest:
-            gate[j], expected[j] = widest, beside[j]
+            gate[j] = widest
+            expected[j, 0], expected[j, 1], expected[j, 2] = beside[j, 0], beside[j, 1], beside[j, 2]
         for p in range(len(points)):
             if usable[p] and n_pairs < len(pairs):
                 far = _distance(points[p], expected[j])
@@ -131,7 +132,7 @@ def _list_pairs(
 def _insert(pairs: Floats, n_pairs: int, misfit: float, marker: int, point: int) -> None:
     at = n_pairs
     while at > 0 and pairs[at - 1, 0] > misfit:
-        pairs[at] = pairs[at - 1]
+        pairs[at, 0], pairs[at, 1], pairs[at, 2] = pairs[at - 1, 0], pairs[at - 1, 1], pairs[at - 1, 2]
         at -= 1
     pairs[at, 0], pairs[at, 1], pairs[at, 2] = misfit, marker, point
 

@@ -133,7 +133,7 @@ def link_points(
             else:
                 i, owner[p] = n_live, -1
                 name[i] = n_names
-                live[i, :3], live[i, SEEN] = points[p], now
+                live[i, 0], live[i, 1], live[i, 2], live[i, SEEN] = points[p, 0], points[p, 1], points[p, 2], now
                 n_live, n_names = n_live + 1, n_names + 1
             track[offsets[frame] + p] = name[i]
         for i in range(n_old):
@@ -150,7 +150,9 @@ def _end_tracks(live: Floats, name: Ints, n_live: int, since_s: float, most: int
     kept = 0
     for i in range(n_live):
         if live[i, SEEN] >= since_s and n_live - i <= most:
-            live[kept], name[kept] = live[i], name[i]
+            for c in range(live.shape[1]):
+                live[kept, c] = live[i, c]
+            name[kept] = name[i]
             kept += 1
     return kept
 
@@ -200,7 +202,7 @@ def _follow(track: Floats, point: Floats, now: float, noise_m: float) -> None:
         if track[REACH] > 0.0 or square * dt**4 < noise_m * noise_m:
             track[TURN : TURN + 3] = 0.0
         track[REACH] = 0.0
-    track[:3], track[SEEN] = point, now
+    track[0], track[1], track[2], track[SEEN] = point[0], point[1], point[2], now
 
 
 @compiled

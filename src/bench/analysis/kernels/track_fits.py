@@ -95,11 +95,13 @@ def estimate_places(
     for frame in range(len(time_s)):
         point = source[marker, frame]
         if point >= 0:
-            place_m[frame] = points_m[point]
+            for c in range(3):
+                place_m[frame, c] = points_m[point, c]
             variance_m2[frame] = noise_m2
         else:
             own = bridge_motion(onward, back, before[frame], after[frame], time_s, time_s[frame], jolt_m2_s3, now)
-            place_m[frame] = now + base_m[frame]
+            for c in range(3):
+                place_m[frame, c] = now[c] + base_m[frame, c]
             variance_m2[frame] = own + spread_m2[frame]
 
 

@@ -42,8 +42,8 @@ def _list_directions(nodes_m: Floats32, s_m: Floats, tangent: Floats, direction:
     """Write the known directions of one frame and their arc lengths; return how many there are."""
     n, last = 0, -1
     if not math.isnan(tangent[0]):
-        direction[0], at_m[0] = tangent, 0.0
-        n = 1
+        direction[0, 0], direction[0, 1], direction[0, 2] = tangent[0], tangent[1], tangent[2]
+        at_m[0], n = 0.0, 1
     for i in range(len(s_m)):
         if math.isnan(nodes_m[i, 0]):
             continue
@@ -96,7 +96,7 @@ def carry_frames(
         if n == 0:
             components[f] = np.float32(np.nan)
             continue
-        side[:] = across
+        side[0], side[1], side[2] = across[0], across[1], across[2]
         _turn(side, axis, _find_turn(reference, direction[0], axis))
         j, angle = 0, 0.0
         if n > 1:
@@ -106,7 +106,8 @@ def carry_frames(
                 _turn(side, axis, angle)
                 j += 1
                 angle = _find_turn(direction[j], direction[j + 1], axis) if j + 1 < n else 0.0
-            here[:], now[:] = direction[j], side
+            for c in range(3):
+                here[c], now[c] = direction[j, c], side[c]
             if j + 1 < n and places[g] > at_m[j]:
                 share = angle * (places[g] - at_m[j]) / (at_m[j + 1] - at_m[j])
                 _turn(here, axis, share)

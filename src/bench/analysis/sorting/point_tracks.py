@@ -11,7 +11,7 @@ from bench.analysis.arrays import Bools, Floats, Indices, Ints, frame_of_points
 from bench.analysis.sorting.anchors import spread_frames
 from bench.analysis.sorting.markers import PointFrames
 
-__all__ = ["PointTracks", "leave_out_twins", "link_tracks"]
+__all__ = ["LinkGates", "PointTracks", "leave_out_twins", "link_tracks", "measure_gates"]
 
 FASTEST_M_S = 3.0
 """No point of a cable is faster: robots that share their space with people move at 1 to 2 m/s, cables' loops faster."""
@@ -35,7 +35,7 @@ USUAL_M_S2 = 2.0
 
 @dataclass(frozen=True, eq=False)
 class PointTracks:
-    """N usable points of F frames in the order of time, and the T tracks they form."""
+    """N usable points of F frames in order of time, which are the rows, and the T tracks they form."""
 
     points_m: Floats
     """(N, 3): lab frame."""
@@ -47,8 +47,6 @@ class PointTracks:
     """(N,): row of each point."""
     time_s: Floats
     """(F,): ascending, from the first row's."""
-    frame: Ints
-    """(F,): the frame that each row was."""
     track: Ints
     """(N,): the point's track, from 0."""
     begins: Ints
@@ -91,8 +89,31 @@ class PointTracks:
         return following
 
 
-def link_tracks(frames: PointFrames) -> PointTracks:
-    """Join the usable points of all frames into tracks; all of them have a place.
+@dataclass(frozen=True)
+class LinkGates:
+    """How far from where its track leads a point may be."""
+
+    acceleration_m_s2: float
+    """The recording's usual one."""
+    noise_m: float
+    """Usual turn by noise alone."""
+    longest_s: float
+    """Gap over which a track goes on."""
+
+
+def measure_gates(frames: PointFrames, order: Ints) -> LinkGates:
+    """Measure in some of the frames, which are in order of time as `order` (F,) has them, how points move."""
+    steps = np.diff(frames.time_ns[order]) * 1e-9
+    step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else TURN_S
+    stride = max(1, round(TURN_S / step_s))
+    turn, _ = _usual_turn(frames, order, 1)
+    _, acceleration = _usual_turn(frames, order, stride)
+    noise_m = float(np.sqrt(max(turn**2 - (acceleration * step_s**2) ** 2, SMALLEST_M**2)))
+    return LinkGates(acceleration, noise_m, max(LONGEST_S, LONGEST_STEPS * step_s))
+
+
+def link_tracks(frames: PointFrames, gates: LinkGates) -> PointTracks:
+    """Join the usable points of all frames, in order of time, into tracks; all of them have a place.
 
     From frame to frame, mutual nearest neighbours of where constant speed leads are joined; where a second candidate
     is near as well, none is. Gates come from the recording: its usual acceleration and noise, and the time between
@@ -100,22 +121,33 @@ def link_tracks(frames: PointFrames) -> PointTracks:
     """
     from bench.analysis.kernels.point_links import link_points
 
-    order = np.argsort(frames.time_ns, kind="stable")
-    if (order[1:] < order[:-1]).any():
-        frames = frames.take(order)
-    time_s = np.asarray((frames.time_ns - frames.time_ns[:1]) * 1e-9)
-    kept = np.flatnonzero(frames.usable)
-    row, points = frame_of_points(frames.offsets)[kept], frames.points_m[kept].astype(np.float64)
+    time_s = _seconds(frames.time_ns)
+    points, offsets, kept = _list_usable(frames)
+    row = frame_of_points(offsets)
     slot = (kept - frames.offsets[row]).astype(np.int16)
-    offsets = np.concatenate([[0], np.cumsum(np.bincount(row, minlength=len(frames)))])
-    acceleration, noise, step_s = _measure_turns(points, offsets, time_s)
-    longest_s = max(LONGEST_S, LONGEST_STEPS * step_s)
     track = link_points(
-        points, offsets, time_s, LARGEST_RATIO * acceleration, NOISE_RATIO * noise, FASTEST_M_S, longest_s
+        points,
+        offsets,
+        time_s,
+        LARGEST_RATIO * gates.acceleration_m_s2,
+        NOISE_RATIO * gates.noise_m,
+        FASTEST_M_S,
+        gates.longest_s,
     )
     members = np.argsort(track, kind="stable")
     begins = np.concatenate([[0], np.cumsum(np.bincount(track))])
-    return PointTracks(points, slot, offsets, row, time_s, order, track, begins, members)
+    return PointTracks(points, slot, offsets, row, time_s, track, begins, members)
+
+
+def _seconds(time_ns: Ints) -> Floats:
+    return np.asarray((time_ns - time_ns[:1]) * 1e-9)
+
+
+def _list_usable(frames: PointFrames) -> tuple[Floats, Ints, Ints]:
+    """Return the usable points (N, 3), the frames' offsets (F + 1,) among them, and their indices (N,) in `frames`."""
+    kept = np.flatnonzero(frames.usable)
+    counts = np.bincount(frame_of_points(frames.offsets)[kept], minlength=len(frames))
+    return frames.points_m[kept].astype(np.float64), np.concatenate([[0], np.cumsum(counts)]), kept
 
 
 def leave_out_twins(frames: PointFrames) -> PointFrames:
@@ -126,21 +158,15 @@ def leave_out_twins(frames: PointFrames) -> PointFrames:
     return replace(frames, usable=usable & ~find_twins(frames.points_m, frames.offsets))
 
 
-def _measure_turns(points_m: Floats, offsets: Ints, time_s: Floats) -> tuple[float, float, float]:
-    """Return the usual acceleration (m/s²), turn by noise alone (m), and time between frames (s)."""
-    steps = np.diff(time_s)
-    step_s = float(np.median(steps[steps > 0])) if (steps > 0).any() else TURN_S
-    stride = max(1, round(TURN_S / step_s))
-    turn, _ = _usual_turn(points_m, offsets, time_s, 1)
-    _, acceleration = _usual_turn(points_m, offsets, time_s, stride)
-    return acceleration, float(np.sqrt(max(turn**2 - (acceleration * step_s**2) ** 2, SMALLEST_M**2))), step_s
-
-
-def _usual_turn(points_m: Floats, offsets: Ints, time_s: Floats, stride: int) -> tuple[float, float]:
+def _usual_turn(frames: PointFrames, order: Ints, stride: int) -> tuple[float, float]:
+    """Return how far points usually turn from a straight line (m) over so many frames, and the acceleration (m/s²)."""
     from bench.analysis.kernels.point_links import measure_turns
 
-    middle = spread_frames(stride, len(time_s) - stride, MEASURED_FRAMES)
-    turns = measure_turns(points_m, offsets, time_s, middle, stride, FASTEST_M_S)
+    middle = spread_frames(stride, len(order) - stride, MEASURED_FRAMES)
+    triples = frames.take(order[middle[:, None] + np.array([-stride, 0, stride])].ravel())
+    points, offsets, _ = _list_usable(triples)
+    at = 3 * np.arange(len(middle)) + 1
+    turns = measure_turns(points, offsets, _seconds(triples.time_ns), at, 1, FASTEST_M_S)
     turns = turns[np.isfinite(turns[:, 0])]
     if not len(turns):
         return SMALLEST_M, USUAL_M_S2

@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
-from bench.analysis.arrays import Bools, Floats
+from bench.analysis.arrays import Bools, Floats, Floats32, Indices, Ints, chunks
 from bench.analysis.sorting.chain import sort_by_chain
+from bench.analysis.sorting.chain_prior import is_alike_from_both_ends
+from bench.analysis.sorting.chain_spacing import SpacingCalibration, calibrate_spacing
 from bench.analysis.sorting.gates import SortSettings
 from bench.analysis.sorting.marker_motion import find_longest
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers
-from bench.analysis.sorting.point_tracks import leave_out_twins, link_tracks
+from bench.analysis.sorting.point_tracks import LinkGates, leave_out_twins, link_tracks, measure_gates
 from bench.analysis.sorting.track_labels import TrackLabels, label_by_votes
 from bench.analysis.sorting.track_votes import choose_voting_rows, collect_votes, split_by_votes
 
 __all__ = ["sort_by_track"]
+
+STRETCH = 100_000
+"""Frames that are sorted at once: tracks and motion of ten markers take 2 kB for each of them."""
+AROUND_S = 10.0
+"""Sorted with a stretch on both sides and left out again: twenty times the gaps that a marker's motion bridges."""
 
 
 def sort_by_track(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
@@ -49,17 +58,75 @@ def sort_by_track(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
     single = leave_out_twins(frames)
     if not single.usable.any():
         return replace(sort_by_chain(single, settings), method="track")
-    tracks = link_tracks(single)
+    order = np.argsort(frames.time_ns, kind="stable")
+    gates = measure_gates(single, order)
+    can_part = frames.anchor_m is not None or frames.end_m is not None or not is_alike_from_both_ends(settings)
+    if not can_part or len(frames) <= STRETCH:
+        return _in_order_of_frames(frames, order, [_sort_stretch(single.take(order), settings, gates)])
+    known = calibrate_spacing(single, settings)
+    return _in_order_of_frames(frames, order, _sort_stretches(single, order, settings, gates, known))
+
+
+@dataclass(frozen=True, eq=False)
+class _Sorted:
+    """F frames in order of time."""
+
+    source: Indices
+    """(F, k)"""
+    confidence: Floats32
+    """(F, k)"""
+    reason: npt.NDArray[np.uint8]
+    """(F, k)"""
+    notes: list[str]
+    warnings: list[str]
+
+    def take(self, rows: slice) -> _Sorted:
+        return replace(
+            self,
+            source=self.source[rows].copy(),
+            confidence=self.confidence[rows].copy(),
+            reason=self.reason[rows].copy(),
+        )
+
+
+def _sort_stretches(
+    frames: PointFrames, order: Ints, settings: SortSettings, gates: LinkGates, known: SpacingCalibration
+) -> Iterator[_Sorted]:
+    """Sort one stretch of a long recording after the other, each with what is around it, so that memory is bounded."""
+    time_ns, margin_ns = frames.time_ns[order], round(AROUND_S * 1e9)
+    for start, stop in chunks(len(order), STRETCH):
+        low, high = np.searchsorted(time_ns, [time_ns[start] - margin_ns, time_ns[stop - 1] + margin_ns])
+        stretch = _sort_stretch(frames.take(order[low:high]), settings, gates, known)
+        yield stretch.take(slice(start - low, stop - low))
+
+
+def _sort_stretch(
+    frames: PointFrames, settings: SortSettings, gates: LinkGates, known: SpacingCalibration | None = None
+) -> _Sorted:
+    """Sort frames that are in order of time."""
+    tracks = link_tracks(frames, gates)
     rows = choose_voting_rows(tracks)
-    single_frames = sort_by_chain(single.take(tracks.frame[rows]), settings)
+    single_frames = sort_by_chain(frames.take(rows), settings, known)
     votes = collect_votes(tracks, rows, single_frames)
     labels = label_by_votes(split_by_votes(tracks, votes), votes, settings.n_markers)
     labels.complete(settings)
-    return replace(_list_markers(frames, labels, settings), notes=single_frames.notes, warnings=single_frames.warnings)
+    return _list_markers(frames, labels, settings, single_frames)
 
 
-def _list_markers(frames: PointFrames, labels: TrackLabels, settings: SortSettings) -> SortedMarkers:
+def _in_order_of_frames(frames: PointFrames, order: Ints, stretches: Iterable[_Sorted]) -> SortedMarkers:
     """Return the markers in the order of the recording's frames."""
+    parts = list(stretches)
+    back = np.argsort(order)
+    source, confidence, reason = (
+        np.concatenate([getattr(part, name) for part in parts])[back] for name in ("source", "confidence", "reason")
+    )
+    told = parts[0].notes, parts[0].warnings  # of the whole recording
+    return SortedMarkers.from_source(frames, source, confidence, reason, "track", *told)
+
+
+def _list_markers(
+    frames: PointFrames, labels: TrackLabels, settings: SortSettings, single_frames: SortedMarkers
+) -> _Sorted:
     tracks, seen = labels.tracks, labels.places.source >= 0
     track = tracks.track[labels.places.source]
     confidence = np.where(seen, labels.confidence[track], 0.0).astype(np.float32)
@@ -70,11 +137,10 @@ def _list_markers(frames: PointFrames, labels: TrackLabels, settings: SortSettin
     reason[~seen & broken] = MarkerReason.BROKEN
     reason[~seen & _find_refused(labels)] = MarkerReason.AMBIGUOUS
     if frames.anchor_m is not None:
-        reason[:, ~seen.any(axis=0) & np.isnan(frames.anchor_m[tracks.frame, 0])] = MarkerReason.NO_START
-    back = np.argsort(tracks.frame)
+        reason[:, ~seen.any(axis=0) & np.isnan(frames.anchor_m[:, 0])] = MarkerReason.NO_START
     source = np.where(seen, tracks.slot[labels.places.source], -1).astype(np.int16)
     confidence[~seen] = 0.0
-    return SortedMarkers.from_source(frames, source.T[back], confidence.T[back], reason.T[back], "track")
+    return _Sorted(source.T, confidence.T, reason.T, single_frames.notes, single_frames.warnings)
 
 
 def _find_torn(labels: TrackLabels, sure: Floats, settings: SortSettings) -> Bools:

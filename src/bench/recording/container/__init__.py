@@ -1,0 +1,1 @@
+"""The MCAP file: what stands where in it, finished or not, and its end."""

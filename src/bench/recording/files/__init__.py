@@ -1,0 +1,1 @@
+"""A run on the disk: its files, their names, and what makes them durable."""

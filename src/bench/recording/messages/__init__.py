@@ -1,0 +1,1 @@
+"""Records as messages: which topic, which definition, which bytes."""

@@ -1,0 +1,1 @@
+"""A run file as numpy columns."""

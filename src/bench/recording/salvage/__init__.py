@@ -1,0 +1,1 @@
+"""Making a sound file of an unfinished or damaged one."""

@@ -1,0 +1,1 @@
+"""Records into a run file, without ever waiting for the disk."""
