@@ -125,6 +125,12 @@ def test_a_cable_that_moves_as_a_whole_does_not_leap() -> None:
     assert len(find_leaps(shaken, as_sorted(TAKE.source, frames=shaken).position_m, CABLE).first) == 0
 
 
+def test_a_first_marker_at_arc_length_zero_has_no_anchor_to_be_exchanged_with() -> None:
+    places = CABLE.arc_length_m
+    free, headless = replace(FRAMES, anchor_m=None), replace(CABLE, arc_length_m=tuple(s - places[0] for s in places))
+    assert len(find_leaps(free, as_sorted(TAKE.source).position_m, headless).first) == 0
+
+
 def test_no_frames_and_one_marker_break_nothing() -> None:
     none = FRAMES.take(np.zeros(0, dtype=np.int64))
     assert len(take_broken_away(none, as_sorted(np.zeros((0, 10)), frames=none), CABLE).source) == 0

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ from bench_command import bench, one_sentence
 
 from bench.cli.accuracy import accuracy
 from bench.cli.shapes import ShapeKind
+from bench.config import parse_config
 from bench.errors import AnalysisError, ConfigError, RecordingError, RecordingExistsError
 from bench.model import NO_ID, StampKind, TrackerFrame
 from bench.recording import RunWriter
@@ -32,15 +35,19 @@ kind = "none"
 [analysis]
 cycles = "whole"
 """
+EVEN = tuple(0.3 * (i + 1) for i in range(8))
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "prove-your-set-up.md"
 
 
-def write_circle(path: Path, radius_m: float = 0.4, n_frames: int = 30) -> Path:
+def write_circle(
+    path: Path, radius_m: float = 0.4, n_frames: int = 30, toml: str = TOML, places_m: Sequence[float] = EVEN
+) -> Path:
     """Record markers on a circle, as a tracker lists them."""
     writer, rng = (
-        RunWriter(path, ManualClock(T0_NS), config_toml=TOML, versions={}, run_id="circle"),
+        RunWriter(path, ManualClock(T0_NS), config_toml=toml, versions={}, run_id="circle"),
         np.random.default_rng(1),
     )
-    angle = np.arange(8) * 0.3 / radius_m
+    angle = np.asarray(places_m) / radius_m
     ring = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
     for i in range(n_frames):
         points = rng.permutation(ring + rng.normal(0, 1e-4, ring.shape)).astype(np.float32)
@@ -61,6 +68,15 @@ def write_circle(path: Path, radius_m: float = 0.4, n_frames: int = 30) -> Path:
         )
     writer.close(exit_status="import", reason="")
     return path
+
+
+def test_the_circle_of_the_how_to_is_measured_in_every_frame(tmp_path, capsys):
+    block = re.search(r"<!-- file: circle.toml -->\n```toml\n(.*?)```", HOW_TO.read_text("utf-8"), re.DOTALL)
+    assert block is not None
+    places_m = parse_config(block.group(1), "circle.toml").cable.arc_length_m
+    circle = write_circle(tmp_path / "circle.mcap", toml=block.group(1), places_m=places_m)
+    accuracy(circle, shape=ShapeKind.CIRCLE, radius_mm=400.0, output=tmp_path / "out")
+    assert "30 measured, 30 of 30 complete" in capsys.readouterr().out
 
 
 def test_the_study_is_printed_and_left_in_a_folder(tmp_path):

@@ -71,7 +71,9 @@ def test_several_runs_get_a_folder_each_and_the_largest_code_counts(recordings, 
 def test_one_broken_run_does_not_keep_the_others_from_being_reported(recordings, tmp_path, capsys):
     assert code_of(tmp_path / "broken.mcap", tmp_path / "a.mcap") == 5
     assert (tmp_path / "a" / "report.html").is_file()
-    assert "broken.mcap is not a run file" in capsys.readouterr().err
+    said = capsys.readouterr()
+    assert "broken.mcap is not a run file" in said.err
+    assert [line for line in said.out.splitlines() if line.endswith("a.mcap:")] == [f"{tmp_path / 'a.mcap'}:"]
 
 
 def test_a_single_broken_run_is_an_error_like_any_other(recordings, tmp_path):

@@ -111,6 +111,7 @@ def _verify_free(folder: Path, *, mcap: bool) -> None:
 
 def _report_or_say(run: Path, folder: Path, settings: Config | None, *, mcap: bool) -> int:
     """Report one of several runs: what is wrong with it must not keep the others from being reported."""
+    print(f"{run}:", flush=True)
     try:
         return _report_one(run, folder, settings, mcap=mcap)
     except BenchError as error:

@@ -187,6 +187,8 @@ def find_leaps(frames: PointFrames, position_m: Floats32, settings: SortSettings
     order = np.argsort(frames.time_ns, kind="stable")
     time_s = (frames.time_ns[order] - frames.time_ns.min(initial=0)) * 1e-9
     spacing = np.diff(settings.arc_length_m, prepend=0.0)
+    if frames.anchor_m is None or spacing[0] == 0.0:  # no anchor with which the first marker could be exchanged
+        spacing[0] = np.inf
     nearest = np.minimum(spacing, np.append(spacing[1:], np.inf))
     pairs: list[tuple[Ints, Ints, Ints]] = []
     for marker in range(settings.n_markers):

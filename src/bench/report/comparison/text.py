@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from bench.analysis import RigidTransform
 from bench.report.comparison.compare import Comparison
-from bench.report.wording import say_number, say_percent
+from bench.report.wording import say_mm, say_number, say_percent
 
 __all__ = ["describe_comparison", "find_largest"]
 
@@ -19,7 +19,7 @@ def describe_comparison(found: Comparison) -> dict[str, str]:
         f"{name} {_mm(value)}" for name, value in zip("xyz", difference.coordinate_m.tolist(), strict=True)
     )
     lines = {
-        "e of eq. (6)": f"{_mm(difference.e_m)}; e² = {1e6 * difference.e2_m2:.4g} mm²",
+        "e of eq. (6)": f"{_mm(difference.e_m)}; e² = {say_mm(1e6 * difference.e2_m2)} mm²",
         "rms by coordinate": axes,
         "largest distance": _describe_largest(found),
         "compared": f"{say_percent(difference.compared)} of all phases and places",
