@@ -1,13 +1,17 @@
 """What the first screen says before its numbers are believed."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from synthetic_results import make_results
 
+from bench.model import Outcome
 from bench.report.cautions import list_cautions
 from bench.report.ends import END_BEND
 from bench.report.headline import summarise
 from bench.report.html import render_report
+from bench.report.outcome import RunEnd, judge_run
 from bench.report.results import Results
 
 
@@ -41,6 +45,15 @@ def test_places_that_were_never_seen_are_a_share_of_the_map():
 @pytest.mark.parametrize("stretch", [(0, 0), (50, 51)])
 def test_a_moment_or_nothing_unseen_is_no_caution(stretch):
     assert not any("would not show" in text for text in cautions_of(without(stretch)))
+
+
+@pytest.mark.parametrize(("last", "outcome"), [(38, Outcome.PASS), (54, Outcome.ERROR)])
+def test_a_cable_that_was_not_seen_in_a_tenth_of_the_cycle_has_not_passed(last: int, outcome: Outcome):
+    results = without((33, last))
+    found, reasons = judge_run(results.cycles, [], RunEnd("success", ""), 1.0, 1.0, results.bend_map_per_m)
+    assert found == outcome
+    told = cautions_of(dataclasses.replace(results, outcome_reasons=reasons))
+    assert sum("At phase 0.33 to" in text for text in [*reasons, *told]) == 1
 
 
 def test_what_holds_for_the_method_comes_last():

@@ -5,11 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from bench.analysis import CycleVerdicts, bend_radius
 from bench.model import ExitStatus, Outcome, Verdict
 from bench.report.results import CycleColumns, StreamFinding
 from bench.report.streams import find_missing
+from bench.report.unseen import describe_unseen, find_unseen_share
 from bench.report.wording import say_radius, say_range
 
 __all__ = ["IMPORT", "RunEnd", "find_attention", "judge_run"]
@@ -21,6 +23,9 @@ OUTLIER_RATIO = 1.1
 LOW_COMPLETE_FRACTION = 0.5
 FEWEST_TRUSTED = 0.5
 """Of the frames of cycles: with fewer, those that are trusted are the exception, and may be so by chance."""
+
+MOST_UNSEEN = 0.1
+"""Of the cycle. Bends come and go over about a tenth of it, so one could be tightest where nobody saw it."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +43,13 @@ def judge_run(
     end: RunEnd,
     minimum_bend_radius_mm: float,
     trusted_fraction: float,
+    bend_map_per_m: npt.NDArray[np.float64],
 ) -> tuple[Outcome, list[str]]:
     """Judge the run and say why it is not PASS, one sentence for each reason.
 
     FAIL comes first: what was lost can hide a bend that is too tight, but cannot make one. FAIL rests on cycles with
-    verdict ok or slow only. PASS needs a curve in each of these, and trust in most frames: that is what is left of a
-    recording in which the order of the markers cannot be told, or contradicts itself.
+    verdict ok or slow only. PASS needs a curve in each of these, trust in most frames, and a look at the cable in
+    nearly all of the cycle: else little is left of a recording whose markers are hidden, or in no certain order.
 
     Parameters
     ----------
@@ -53,10 +59,12 @@ def judge_run(
         The catalogue's limit.
     trusted_fraction : float
         Part of the frames inside cycles that may enter the figures; 0 without any.
+    bend_map_per_m : ndarray, shape (P, G)
+        Mean curvature by phase and arc length; NaN where nothing was seen.
     """
     failures = _too_tight(cycles, minimum_bend_radius_mm)
     lost = [*_end_errors(end), *_stream_errors(streams), *_cycle_errors(cycles, end)]
-    errors = [*lost, *_curve_errors(cycles, trusted_fraction)]
+    errors = [*lost, *_curve_errors(cycles, trusted_fraction), *_unseen_errors(bend_map_per_m)]
     outcome = Outcome.FAIL if failures else Outcome.ERROR if errors else Outcome.PASS
     return outcome, [*failures, *errors]
 
@@ -148,6 +156,11 @@ def _curve_errors(cycles: CycleColumns, trusted_fraction: float) -> list[str]:
             "tight bend in the others would not be seen."
         )
     return sentences
+
+
+def _unseen_errors(bend_map_per_m: npt.NDArray[np.float64]) -> list[str]:
+    share = find_unseen_share(bend_map_per_m)
+    return [describe_unseen(bend_map_per_m)] if MOST_UNSEEN < share < 1 else []
 
 
 def _say_interrupted(indices: list[int]) -> str:

@@ -89,10 +89,10 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
     inside = traced.trusted & (placed.row >= 0)
     trusted_fraction = inside.sum() / max((placed.row >= 0).sum(), 1)
     limit_mm = config.cable.minimum_bend_radius_mm
-    outcome, outcome_reasons = judge_run(cycles, streams, end, limit_mm, trusted_fraction)
     n_bins = _count_phase_bins(cycles.n_frames)
     curve = traced.curve.curvature_per_m, traced.curve.sigma_per_m
     bend_map = average_by_phase(*curve, placed.row, placed.phase, inside, n_bins).curvature_per_m
+    outcome, outcome_reasons = judge_run(cycles, streams, end, limit_mm, trusted_fraction, bend_map)
     return Results(
         run_path=PurePath(run_path or run.path).name,
         config=config,
