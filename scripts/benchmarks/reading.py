@@ -1,8 +1,9 @@
 """A long recording: read into arrays, how fast and in how much memory, beside the readers of others; and salvaged.
 
-By elapsed time, for ours unpacks with a second core where there is one, and on one core by processor time, in which
+By elapsed time, for ours reads with a second core where there is one, and on one core by processor time, in which
 what else the machine does is not. Each of our readings is the first of its process, as in `bench report`: pages of
-memory are new to it. All of them hold every chunk against its checksum.
+memory are new to it. The best of several counts: a virtual machine whose host takes back memory that lies free pays
+seconds for the first gigabyte that it uses again. All of them hold every chunk against its checksum.
 """
 
 from __future__ import annotations
