@@ -69,6 +69,31 @@ def test_an_output_that_exists_is_not_overwritten(tmp_path: Path) -> None:
     assert output.read_bytes() == b"precious"
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        ("run", "--cycles", "1"),
+        ("check", "--cycle"),
+        ("import", "take.csv", "--config", "cable.toml"),
+        ("salvage", "run.mcap.active"),
+    ],
+)
+def test_a_run_file_that_would_not_be_called_like_one(tmp_path: Path, command: tuple[str, ...]) -> None:
+    message = one_sentence(bench(*command, "--output", tmp_path / "night.csv"), 2)
+    assert "whose name ends in .mcap" in message
+    assert f"--output {tmp_path / 'night.mcap'}" in message
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_recording_is_not_imported_again(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(100))
+    command = ("import", path, "--config", simulated_file(tmp_path), "--output", tmp_path / "b.mcap")
+    message = one_sentence(bench(*command), 5)
+    assert "it is a recording already" in message
+    assert "bench report" in message
+
+
 @pytest.mark.parametrize("command", ["report"])
 def test_a_file_that_is_no_mcap(tmp_path: Path, command: str) -> None:
     path = tmp_path / "a.mcap"

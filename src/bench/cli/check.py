@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none, settings_or_none
+from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none, settings_or_none, verify_run_name
 from bench.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -66,6 +66,7 @@ def _verify_options(*, watch: bool, cycle: bool, recording: Path | None, output:
         raise ConfigError("Of --watch, --cycle and --recording one can be given.")
     if not cycle and (output is not None or speed != 1.0):
         raise ConfigError("--output and --speed belong to --cycle.")
+    verify_run_name(output)
 
 
 def _drive_slow_cycle(

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.settings import verify_run_name
+
 if TYPE_CHECKING:
     from rich.progress import TaskID
 
@@ -28,6 +30,7 @@ def import_(
     """Turn a tracker's own recording into a run file, for `bench report`."""
     from bench.config import load_config, to_toml
 
+    verify_run_name(output)
     settings = load_config(config)
     from bench.run.import_take import import_take
     from bench.timing import RunClock

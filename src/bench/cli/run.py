@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none
+from bench.cli.settings import ConfigArgument, config_or_simulated, program_or_none, verify_run_name
 
 if TYPE_CHECKING:
     from bench.run import RunSummary
@@ -43,6 +43,7 @@ def run(
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would happen; touch nothing.")] = False,
 ) -> None:
     """Preflight, drive N cycles, record, stop. Ctrl-C once: stop after this cycle. Twice: abort now."""
+    verify_run_name(output)
     from bench.run import read_origin, verify_origin
 
     origin = read_origin(resume) if resume else None

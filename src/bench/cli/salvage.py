@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.cli.settings import verify_run_name
 from bench.errors import ConfigError, RecordingError, RecordingUnfinishedError
 
 if TYPE_CHECKING:
@@ -41,6 +42,7 @@ def salvage(
             "Say where the salvaged recording goes: --output GOOD.mcap, or --in-place.",
             hint="A copy leaves the old file as it is.",
         )
+    verify_run_name(output)
     from bench.recording import salvage_copy, salvage_in_place
     from bench.run.journal import is_held
 

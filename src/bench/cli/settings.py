@@ -8,10 +8,19 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from bench.errors import ConfigError
+
 if TYPE_CHECKING:
     from bench.config import Config, ProgramFile
 
-__all__ = ["ConfigArgument", "config_or_simulated", "program_or_none", "settings_or_none", "with_limits"]
+__all__ = [
+    "ConfigArgument",
+    "config_or_simulated",
+    "program_or_none",
+    "settings_or_none",
+    "verify_run_name",
+    "with_limits",
+]
 
 ConfigArgument = Annotated[
     Path | None, typer.Argument(metavar="[CONFIG]", help="Configuration file. Left out: the simulated bench.")
@@ -43,6 +52,14 @@ def settings_or_none(path: Path | None) -> Config | None:
     from bench.config import load_config
 
     return load_config(path) if path is not None else None
+
+
+def verify_run_name(path: Path | None) -> None:
+    """Check that a run file to be written is called like one, so that it is found as one; `ConfigError` otherwise."""
+    if path is not None and path.suffix != ".mcap":
+        raise ConfigError(
+            f"{path} is to be a run file, whose name ends in .mcap.", hint=f"--output {path.with_suffix('.mcap')}"
+        )
 
 
 def with_limits(recorded: Config, settings: Config, path: Path) -> Config:

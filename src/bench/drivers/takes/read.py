@@ -15,6 +15,7 @@ from bench.drivers.takes.trc import FILE_TYPE, read_trc
 __all__ = ["read_take"]
 
 SNIFF_BYTES = 1024
+MCAP_MAGIC = b"\x89MCAP0\r\n"
 SEPARATORS = {";": "semicolons", "\t": "tabs"}
 KNOWN = (
     "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D, TRC and bench's Parquet."
@@ -53,6 +54,8 @@ def read_take(path: Path, progress: Progress | None = None) -> Take:
         return read_c3d(path)
     if is_parquet(start):
         return read_parquet(path, progress)
+    if start.startswith(MCAP_MAGIC):
+        raise unreadable(path.name, "it is a recording already, an MCAP file", "`bench report` takes it as it is.")
     file = TextFile.of(path)
     line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""
     first = next((cell.strip() for cell in split_cells(line)), "")
