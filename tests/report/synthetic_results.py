@@ -101,6 +101,7 @@ def make_example() -> ExampleFrame:
         cycle_phase=0.31,
         points_m=rng.permutation(points),
         position_m=markers,
+        anchor_m=place(np.zeros(1))[0],
         curve_m=place(GRID_M),
         curvature_per_m=curvature_at(phase)[0].astype(np.float32),
         sigma_per_m=np.full(GRID_M.size, 0.15, dtype=np.float32),

@@ -18,7 +18,7 @@ from bench.report.drift import find_drift
 from bench.report.ends import find_cable_ends, find_up_axis, verify_end, warn_of_end_bend
 from bench.report.facts import count_driven, find_versions, hash_config, read_run_end, state_facts
 from bench.report.host_clock import warn_of_steps
-from bench.report.markers import find_chain_start, list_points
+from bench.report.markers import ChainStart, find_chain_start, list_points
 from bench.report.outcome import UNFINISHED, find_attention, judge_run
 from bench.report.results import ExampleFrame, FrameColumns, Results
 from bench.report.robot_in_lab import exclude_flange_marker, find_robot
@@ -110,7 +110,7 @@ def analyse_run(run: Run, config: Config | None = None, *, run_path: str = "") -
         cycles=cycles,
         phase_grid=(np.arange(n_bins) + 0.5) / n_bins,
         bend_map_per_m=bend_map,
-        example=_choose_example(frames, placed, traced, bend_map, up_axis),
+        example=_choose_example(frames, start, placed, traced, bend_map, up_axis),
         streams=streams,
         clocks=[*(robot.clocks if robot else []), *frames.clocks],
         program_facts=run.metadata.get("bench.program", {}),
@@ -164,7 +164,12 @@ def _frame_columns(frames: TrackerFrames, placed: PlacedFrames, traced: TracedCa
 
 
 def _choose_example(
-    frames: TrackerFrames, placed: PlacedFrames, traced: TracedCable, bend_map: Floats, up_axis: int
+    frames: TrackerFrames,
+    start: ChainStart,
+    placed: PlacedFrames,
+    traced: TracedCable,
+    bend_map: Floats,
+    up_axis: int,
 ) -> ExampleFrame | None:
     """Choose a complete frame near the phase of the largest curvature, from the middle one of the good cycles."""
     candidates = np.flatnonzero(traced.complete & traced.trusted & (placed.row >= 0))
@@ -184,6 +189,7 @@ def _choose_example(
         cycle_phase=float(placed.phase[frame]),
         points_m=frames.points_m[frames.offsets[frame] : frames.offsets[frame + 1]],
         position_m=position,
+        anchor_m=np.full(3, np.nan) if start.anchor_m is None else np.asarray(start.anchor_m[frame]),
         curve_m=interpolate_curve(position, traced.marker_arc_length_m, traced.arc_length_m),
         curvature_per_m=traced.curve.curvature_per_m[frame],
         sigma_per_m=traced.curve.sigma_per_m[frame],

@@ -131,6 +131,8 @@ class ExampleFrame:
     """(n, 3): as recorded, in the tracker's order."""
     position_m: Floats32
     """(k, 3): in the order found along the cable."""
+    anchor_m: Floats
+    """(3,): where the chain starts; NaN where unknown, or for a cable without anchor."""
     curve_m: Floats
     """(G, 3): the interpolated cable at `Results.arc_length_m`."""
     curvature_per_m: Floats32

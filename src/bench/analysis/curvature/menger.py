@@ -192,8 +192,7 @@ def _warn_of_coarse(smoothness: Smoothness, widening: Widening, marker_s_m: Floa
         return []
     sentence = (
         f"The markers, {spacing_m * 1e3:.0f} mm apart, are too far apart for this cable's sharpest bends (its "
-        f"curvature changes over {smoothness.length_m * 1e3:.0f} mm; a bend differs by up to {widest:.1f} standard "
-        "deviations from what all others make of it): its largest curvature, beside a clamp above all, may be read "
-        "too low by more than its interval says."
+        f"curvature changes over {smoothness.length_m * 1e3:.0f} mm): the largest curvature, beside a clamp above all, "
+        "may be read too low by more than its interval says."
     )
     return [sentence]

@@ -22,6 +22,8 @@ LABELS_LIMIT = 20
 """Most numbers written beside points; with more markers every second, third … is numbered."""
 PANEL_WIDTH_IN = 3.6
 """Width of one of the two columns of projections."""
+ANCHOR_ROOM_M = 0.005
+"""A static marker is seen within this of where it is on average; nothing else can be there."""
 NO_FRAME = "No frame was complete enough to draw a curve through it."
 
 
@@ -135,18 +137,20 @@ def _draw_before(axes: Axes, example: ExampleFrame, plane: tuple[int, int]) -> N
 def _draw_after(axes: Axes, example: ExampleFrame, plane: tuple[int, int]) -> None:
     others_mm = 1e3 * _points_not_taken(example)[:, plane]
     curve_mm, markers_mm = 1e3 * example.curve_m[:, plane], 1e3 * example.position_m[:, plane]
+    anchor_mm = 1e3 * example.anchor_m[list(plane)]
     axes.plot(others_mm[:, 0], others_mm[:, 1], "x", color=MUTED, markersize=4.5)
+    axes.plot(*anchor_mm, "s", color=INK, markersize=6, markerfacecolor="none")
     axes.plot(curve_mm[:, 0], curve_mm[:, 1], color=INK, linewidth=1.4)
     axes.plot(markers_mm[:, 0], markers_mm[:, 1], "o", color=INK, markersize=4.5)
     _number(axes, markers_mm)
 
 
 def _points_not_taken(example: ExampleFrame) -> npt.NDArray[np.float32]:
-    """Return the recorded points that are no marker of the cable: the anchor, labeled markers, ghosts."""
+    """Return the recorded points that are neither a marker of the cable nor its anchor: labeled markers, ghosts."""
     if not example.points_m.size or not example.position_m.size:
         return example.points_m
     apart = np.abs(example.points_m[:, None, :] - example.position_m[None, :, :]).max(axis=2)
-    taken: npt.NDArray[np.bool_] = (apart <= 1e-6).any(axis=1)
+    taken = (apart <= 1e-6).any(axis=1) | (np.abs(example.points_m - example.anchor_m).max(axis=1) <= ANCHOR_ROOM_M)
     return np.asarray(example.points_m[~taken])
 
 
