@@ -225,11 +225,11 @@ class ModbusStateStream:
         return not (self._is_lost and now_ns - self._lost_ns >= patience_ns(self._clock, self._reconnect_s))
 
     def _find_loss(self, trouble: DeviceError | None) -> LinkLostError | None:
-        if trouble is not None and self._clock.now_ns() - self._good_ns > patience_ns(
-            self._clock, self._config.silence_s
-        ):
+        if trouble is not None:  # whether the heart beats cannot be told then
+            if self._clock.now_ns() - self._good_ns <= patience_ns(self._clock, self._longest_silence_s):
+                return None
             self._was_silent = True
-            text = f"The {self._link.peer} gave no state for {self._config.silence_s:g} s. {trouble.args[0]}"
+            text = f"The {self._link.peer} gave no state for {self._longest_silence_s:g} s. {trouble.args[0]}"
             return LinkLostError(text, hint=LOST_HINT)
         if self._beats is not None and self._beats.is_late:
             text = f"The heartbeat of the {self._link.peer} has not changed for {self._beats.signal.max_age_s:g} s."
@@ -237,6 +237,13 @@ class ModbusStateStream:
                 return LinkLostError(text, hint=LOST_HINT)
             self._say_once_a_second(Severity.WARN, text)
         return None
+
+    @property
+    def _longest_silence_s(self) -> float:
+        """How long there may be no state: no longer than a heartbeat may be away, for it is part of the state."""
+        if self._beats is None or self._beats.signal.on_loss != "lost":
+            return self._config.silence_s
+        return min(self._config.silence_s, self._beats.signal.max_age_s)
 
     def _say_trouble(self, error: DeviceError) -> None:
         self._say_once_a_second(Severity.WARN, str(error))

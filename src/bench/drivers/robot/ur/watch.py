@@ -23,7 +23,7 @@ ROBOT_MODES = (
     "confirm safety",
     "booting",
     "power off",
-    "power on",
+    "powered, brakes locked",
     "idle",
     "backdrive",
     "running",
