@@ -68,3 +68,9 @@ def test_a_cycle_that_was_not_seen_where_the_cable_changes_has_no_position() -> 
     along_m = measure(cable, 60)[1]
     assert along_m is not None
     assert np.flatnonzero(np.isnan(along_m)).tolist() == [40]
+
+
+def test_a_reference_of_which_too_little_was_seen_leaves_the_distances() -> None:
+    cable = make_cable(np.where(np.arange(60) < 30, 0.0, 2e-3))
+    cable.position_m[(cable.row < 7)[:, None] & (np.abs(MODE) > 1.0)] = np.nan
+    assert measure(cable, 60)[1] is None
