@@ -78,6 +78,17 @@ def test_a_slow_drift_is_a_trend_and_no_staircase() -> None:
     assert found.slope_sigma < 0.001
 
 
+def test_wear_that_speeds_up_is_a_bent_trend_and_no_staircase() -> None:
+    index = np.arange(300)
+    truth = 0.02 * index + 0.0002 * index**2
+    found = describe_drift(np.random.default_rng(12).normal(0, 0.3, 300) + truth)
+    assert found.changes == []
+    assert found.is_trend
+    assert found.slope == pytest.approx(np.polyfit(index, truth, 1)[0], abs=3 * found.slope_sigma)
+    assert found.slope_sigma < 0.001
+    assert np.abs(found.fitted - truth).max() < 0.2
+
+
 def test_a_step_on_a_trend_is_told_apart() -> None:
     index = np.arange(1000)
     series = np.random.default_rng(7).standard_normal(1000) + 0.01 * index + 6.0 * (index >= 700)

@@ -67,6 +67,18 @@ def test_a_template_follows_a_cable_that_settles() -> None:
     assert not any("anew" in note for note in found.warnings)
 
 
+@pytest.mark.parametrize("jitter_m", [0.0, 0.003])
+def test_a_template_follows_a_cable_that_changes_quickly(jitter_m: float) -> None:
+    """Its markers leave their gates within the 25 cycles after which the template follows at the latest."""
+    changing = replace(USUAL, jitter_m=jitter_m, drift_m=0.05)
+    take = make_take(QUICK, 60, changing, seed=9)
+    found = sort_take(take, changing)
+    exact, wrong = take.score(found.source)
+    assert exact > 0.995
+    assert wrong < 0.001
+    assert not found.warnings
+
+
 def test_a_cable_that_slips_is_learnt_anew() -> None:
     take = make_take(QUICK, 30, USUAL, seed=4)
     slipped = take.cycle >= 15

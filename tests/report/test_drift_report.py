@@ -12,6 +12,7 @@ from run_examples import CYCLE_S, START_S, TRACKER_HZ, WAIT_S, RunSpec, write_ru
 from synthetic_results import make_results
 
 from bench.recording import open_run
+from bench.report.drift import measure_step
 from bench.report.drift_text import describe_drift_section, list_drift, warn_about_drift
 from bench.report.figures import drift_figure
 from bench.report.html import render_report
@@ -114,6 +115,20 @@ def test_what_does_not_matter_is_only_counted_and_many_changes_are_cut_short() -
     assert describe_drift_section(results)[-1].startswith("One smaller change stands out")
     quiet = make_results(60, drift=make_drift(60, [], []))
     assert describe_drift_section(quiet)[1:] == ["No change was found that matters."]
+
+
+@pytest.mark.parametrize(
+    ("quantity", "before", "after", "size"),
+    [
+        ("shape", 0.1, 0.4, 0.3),
+        ("shape", -0.1, 0.4, 0.5),
+        ("shape", 0.1, -0.4, 0.5),
+        ("shape", -0.4, 0.1, -0.5),
+        ("max_curvature", -0.4, 0.1, 0.5),
+    ],
+)
+def test_a_step_of_the_shape_leads_away_or_back(quantity: str, before: float, after: float, size: float) -> None:
+    assert measure_step(quantity, before, after) == pytest.approx(size)
 
 
 @pytest.mark.parametrize("n_cycles", [20, 61, 2500])

@@ -30,6 +30,7 @@ from bench.analysis.curvature.radius import BendRadius, bend_radius
 from bench.analysis.curvature.spline import fit_spline, interpolate_curve
 from bench.analysis.curvature.twist_free import resolve_curvature
 from bench.analysis.cycles.drift_changes import FEWEST_VALUES, LevelChange, SeriesDrift, describe_drift
+from bench.analysis.cycles.drift_line import measure_along_change
 from bench.analysis.cycles.drift_shape import CycleShapes, ShapeDistances, gather_shapes, measure_distances
 from bench.analysis.cycles.gaps import Gaps, find_gaps
 from bench.analysis.cycles.periodicity import find_repeated_cycles
@@ -193,6 +194,7 @@ __all__ = [
     "make_frames",
     "make_gates",
     "match_body",
+    "measure_along_change",
     "measure_distances",
     "measure_errors",
     "measure_marker_places",

@@ -12,9 +12,11 @@ from bench.analysis import (
     CycleShapes,
     LevelChange,
     SeriesDrift,
+    ShapeDistances,
     average_by_phase,
     describe_drift,
     gather_shapes,
+    measure_along_change,
     measure_distances,
 )
 from bench.model import Verdict
@@ -22,7 +24,7 @@ from bench.report.cycles import PlacedFrames
 from bench.report.results import CycleColumns, Drift, DriftChange, DriftColumns, DriftTrend
 from bench.report.trace import TracedCable
 
-__all__ = ["find_drift"]
+__all__ = ["find_drift", "measure_step"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -35,6 +37,10 @@ CYCLES_BESIDE = 20
 """On either side of a change, to see where it is: few enough that a slow trend adds little."""
 CURVATURE_SHARE = 0.01
 """A change of the curvature by a hundredth is one of the life by about a tenth; less matters to nobody."""
+MOST_CYCLES = 0.5
+"""Where the largest curvature of more cycles than this part lies, there it is."""
+BAND_SIGMAS = 2.0
+"""Of the largest curvature: where the report has its interval."""
 SHAPE, CURVATURE = "shape", "max_curvature"
 
 
@@ -45,7 +51,7 @@ class _Watched:
     quantity: str
     drift: SeriesDrift
     fitted: Floats
-    """(C,): what was found in it, in the unit of the report."""
+    """(C,): what was found in it, in the unit of the report; of a distance along a line, negative on its other side."""
     least: float
     """A change must be larger to matter."""
 
@@ -73,8 +79,10 @@ def find_drift(placed: PlacedFrames, traced: TracedCable, cycles: CycleColumns, 
     distances = measure_distances(shapes, reference)
     change, sigma, level = _compare_curvature(cycles, reference)
     watched = [
-        _watch_shape(distances.watched_m, distances.usual_m, marker_noise_mm),
-        _watch(CURVATURE, np.where(ok, change, np.nan), CURVATURE_SHARE * level),
+        _watch_shape(shapes, reference, distances, marker_noise_mm),
+        _watch(
+            CURVATURE, np.where(ok, change, np.nan), max(CURVATURE_SHARE * level, _doubt_beside_ends(cycles, traced))
+        ),
     ]
     found = [one for one in watched if one is not None]
     fitted = {one.quantity: one.fitted for one in found}
@@ -83,7 +91,7 @@ def find_drift(placed: PlacedFrames, traced: TracedCable, cycles: CycleColumns, 
         cycle_index=cycles.cycle_index,
         watched=ok,
         shape_distance_mm=1e3 * distances.distance_m,
-        shape_distance_fitted_mm=fitted.get(SHAPE, unknown),
+        shape_distance_fitted_mm=np.abs(fitted.get(SHAPE, unknown)),
         max_curvature_change_per_m=change,
         max_curvature_change_sigma_per_m=sigma,
         max_curvature_change_fitted_per_m=fitted.get(CURVATURE, unknown),
@@ -119,12 +127,37 @@ def _compare_curvature(cycles: CycleColumns, reference: Bools) -> tuple[Floats, 
     return value - level, np.where(np.isfinite(value), sigma, np.nan), level
 
 
-def _watch_shape(watched_m: Floats, usual_m: float, marker_noise_mm: float) -> _Watched | None:
-    """Look at the distances with their usual level, and say what is found without it."""
-    found = _watch(SHAPE, 1e3 * watched_m, marker_noise_mm)
+def _doubt_beside_ends(cycles: CycleColumns, traced: TracedCable) -> float:
+    """Return what a change of the largest curvature must exceed where that is beside an end of the curve, else 0.
+
+    From the end to the next marker a curve follows the cable the less the shorter the bend is. A cable that gets softer
+    bends tighter there while the curve falls: so what the method errs by does not cancel, and its whole band counts.
+    """
+    nodes = np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
+    place = cycles.max_curvature_arc_length_m
+    beside = (place < nodes[1]) | (place > nodes[-2])
+    if not beside.sum() > MOST_CYCLES * np.isfinite(place).sum():
+        return 0.0
+    return BAND_SIGMAS * float(np.median(cycles.max_curvature_sigma_per_m[beside]))
+
+
+def _watch_shape(
+    shapes: CycleShapes, reference: Bools, distances: ShapeDistances, marker_noise_mm: float
+) -> _Watched | None:
+    """Look at the distances, and where they change at all, along the line of that change if there is one.
+
+    Whether there may be a change is asked of the distances with their usual level, which favour no direction; what it
+    is, is told without that level.
+    """
+    found = _watch(SHAPE, 1e3 * distances.watched_m, marker_noise_mm)
     if found is None:
         return None
-    above = np.sqrt(np.maximum(np.maximum(found.fitted, 0.0) ** 2 - (1e3 * usual_m) ** 2, 0.0))
+    if found.drift.changes or found.drift.is_trend:
+        along_m = measure_along_change(shapes, reference, distances, 1e-3 * found.fitted)
+        along = None if along_m is None else _watch(SHAPE, 1e3 * along_m, marker_noise_mm)
+        if along is not None:
+            return along
+    above = np.sqrt(np.maximum(np.maximum(found.fitted, 0.0) ** 2 - (1e3 * distances.usual_m) ** 2, 0.0))
     return _Watched(SHAPE, found.drift, above, found.least)
 
 
@@ -140,7 +173,7 @@ def _describe_change(
 ) -> DriftChange:
     known = np.flatnonzero(np.isfinite(watched.fitted))
     at = int(np.searchsorted(known, step.at))
-    size = float(watched.fitted[known[at]] - watched.fitted[known[at - 1]])
+    size = measure_step(watched.quantity, float(watched.fitted[known[at - 1]]), float(watched.fitted[known[at]]))
     before, after = _rows_beside(watched, step.at, ok)
     if watched.quantity == SHAPE:
         arc_length_m, phase, largest = _find_largest_shift(shapes, before, after, traced.marker_arc_length_m)
@@ -156,6 +189,11 @@ def _describe_change(
         largest,
         abs(size) > watched.least,
     )
+
+
+def measure_step(quantity: str, before: float, after: float) -> float:
+    """Return the size of a step; of the shape, positive if it leads away from the reference, also to its other side."""
+    return after - before if quantity != SHAPE else float(np.copysign(after - before, abs(after) - abs(before)))
 
 
 def _rows_beside(watched: _Watched, at: int, ok: Bools) -> tuple[Ints, Ints]:

@@ -169,7 +169,7 @@ class DriftColumns:
     shape_distance_mm: Floats
     """Root mean square over markers and phases, without what the reference cycles differ by; NaN where unknown."""
     shape_distance_fitted_mm: Floats
-    """Level, steps and trend that were found in it; NaN where the cycle is not watched."""
+    """Level, steps and trend that were found, as a distance from the reference; NaN where the cycle is not watched."""
     max_curvature_change_per_m: Floats
     """Against the median of the reference cycles."""
     max_curvature_change_sigma_per_m: Floats
@@ -194,12 +194,12 @@ class DriftChange:
     largest: float
     """By how much, there: distance of a marker, or curvature."""
     matters: bool
-    """Whether it is larger than a marker's noise, or than a hundredth of the curvature."""
+    """Whether it is larger than a marker's noise; or than a hundredth of the curvature, and beside an end its band."""
 
 
 @dataclass(frozen=True)
 class DriftTrend:
-    """The straight line in a quantity besides its steps."""
+    """The line in a quantity besides its steps: of one that is bent, the slope on the whole."""
 
     quantity: str
     per_1000_cycles: float

@@ -1,8 +1,8 @@
 """Lasting changes and slow trends in a series of one value for each cycle, with a known rate of false alarms.
 
-The series is described as a level and steps, with or without a straight line. Step after step is taken in, each time
-the one that explains most, until none stands out of what the series does by itself; of the two descriptions the one
-that says most in fewest parts is kept.
+The series is described as a level and steps, with or without a line, which is straight or, where it stands out, may be
+bent: wear that speeds up is no staircase. Step after step is taken in, each time the one that explains most, until none
+stands out of what the series does by itself; of these descriptions the one that says most in fewest parts is kept.
 
 The null hypothesis is a stationary series whose values may be correlated over up to an eleventh of its length: noise is
 measured on the differences of neighbouring means at all scales up to that, and the largest counts. What wanders more
@@ -32,6 +32,8 @@ LIMITS: Floats = np.array([13.4, 8.3, 6.4, 5.2, 4.6, 4.1, 3.8, 3.9, 4.2])
 Simulated 2026-11: up to 2000 values with a correlation of 0.6 between neighbours (first-order autoregressive), above of
 white noise. Two quantities are watched, so that about 1 of 125 runs has an alarm, fewer where cycles err independently.
 """
+HIGHEST_DEGREE = 2
+"""Of the line: a series that turns twice is a curve, and needs eyes."""
 LEAST_LASTING = 3
 """Values on either side of a lasting change: fewer are bad cycles."""
 OUTLIER_RATIO = 5.0
@@ -60,12 +62,12 @@ class SeriesDrift:
     changes: list[LevelChange]
     """In order."""
     slope: float
-    """Of the straight line through what the steps leave, per value."""
+    """Of the line through what the steps leave, per value: on the whole, where it is bent."""
     slope_sigma: float
     is_trend: bool
     """Whether the line stands out of the noise, as a step must."""
     fitted: Floats
-    """(n,): level, steps, and the line where it stands out; NaN where the value is."""
+    """(n,): level, steps, and the line where it stands out, bent where that does; NaN where the value is."""
 
 
 def describe_drift(values: Floats) -> SeriesDrift:
@@ -83,23 +85,25 @@ def describe_drift(values: Floats) -> SeriesDrift:
     """
     known = np.flatnonzero(np.isfinite(values))
     series, place = _without_outliers(values[known]), known.astype(np.float64)
-    models = [_Model(series, place, _find_steps(series, place, has_line), has_line) for has_line in (False, True)]
-    models = [model for model in models if model.is_sound]
+    models = _fit_models(series, place)
     noise = min(_measure_noise(model.rest) for model in models)
     best = min(models, key=lambda model: model.cost(noise))
-    line = _Model(series, place, best.steps, has_line=True)
+    line = best if best.degree else _Model(series, place, best.steps, degree=1)
     fitted = np.full(len(values), np.nan)
     fitted[known] = series - best.rest
     changes = [LevelChange(int(known[at]), *best.size_of(i)) for i, at in enumerate(best.steps)]
-    return SeriesDrift(changes, line.slope, line.slope_sigma, best.has_line, fitted)
+    return SeriesDrift(changes, line.slope, line.slope_sigma, best.degree > 0, fitted)
 
 
 class _Model:
-    """Level, steps and perhaps a straight line, fitted to a series."""
+    """Level, steps and perhaps a line, fitted to a series.
 
-    def __init__(self, series: Floats, place: Floats, steps: list[int], has_line: bool) -> None:
-        self.steps, self.has_line = steps, has_line
-        design = _design(place, steps, has_line)
+    The line's `degree` is 0 for none, 1 for a straight one, 2 for a bent one.
+    """
+
+    def __init__(self, series: Floats, place: Floats, steps: list[int], degree: int) -> None:
+        self.steps, self.degree = steps, degree
+        design = _design(place, steps, degree)
         self._size = np.linalg.lstsq(design, series, rcond=None)[0]
         self.rest = series - design @ self._size
         bounds = list(zip([0, *steps], [*steps, len(series)], strict=True))
@@ -108,17 +112,25 @@ class _Model:
             _measure_noise(self.rest[low:high]) if high - low >= FEWEST_VALUES else everywhere for low, high in bounds
         ]
         self._error = [one / np.sqrt(high - low) for one, (low, high) in zip(noise, bounds, strict=True)]
-        self.slope = float(self._size[-1])
-        self.slope_sigma = float(max(noise) * np.sqrt(np.linalg.inv(design.T @ design)[-1, -1]))
+        self._sigma = max(noise) * np.sqrt(np.diagonal(np.linalg.inv(design.T @ design)))
+
+    @property
+    def slope(self) -> float:
+        """Of a line of any degree."""
+        return float(self._size[1 + len(self.steps)])
+
+    @property
+    def slope_sigma(self) -> float:
+        return float(self._sigma[1 + len(self.steps)])
 
     @property
     def is_sound(self) -> bool:
-        """Whether a line, if there is one, stands out of the noise."""
-        return not self.has_line or abs(self.slope) > _limit(len(self.rest)) * self.slope_sigma
+        """Whether a line, or its bend if it has one, stands out of the noise."""
+        return not self.degree or bool(abs(self._size[-1]) > _limit(len(self.rest)) * self._sigma[-1])
 
     def cost(self, noise: float) -> float:
         """Return what is left unexplained, and what each part must explain at least: the less the better."""
-        parts = len(self.steps) + self.has_line
+        parts = len(self.steps) + self.degree
         return float(self.rest @ self.rest) + parts * (_limit(len(self.rest)) * noise) ** 2
 
     def size_of(self, i: int) -> tuple[float, float]:
@@ -126,11 +138,22 @@ class _Model:
         return float(self._size[1 + i]), float(np.hypot(self._error[i], self._error[i + 1]))
 
 
-def _find_steps(series: Floats, place: Floats, has_line: bool) -> list[int]:
+def _fit_models(series: Floats, place: Floats) -> list[_Model]:
+    """Return the descriptions to choose from: a line only where it stands out, bent only where that does too."""
+    models: list[_Model] = []
+    for degree in range(HIGHEST_DEGREE + 1):
+        model = _Model(series, place, _find_steps(series, place, degree), degree)
+        if not model.is_sound:
+            break
+        models.append(model)
+    return models
+
+
+def _find_steps(series: Floats, place: Floats, degree: int) -> list[int]:
     """Take in step after step, each time the one that explains most, until none stands out."""
     steps: list[int] = []
     while len(steps) < MOST_CHANGES:
-        design = _design(place, steps, has_line)
+        design = _design(place, steps, degree)
         rest = series - design @ np.linalg.lstsq(design, series, rcond=None)[0]
         rest[np.abs(rest) < ROUNDING * np.abs(series).max()] = 0.0
         at = _find_step(rest, steps)
@@ -169,11 +192,15 @@ def _limit(n_values: int) -> float:
     return float(np.interp(np.log(n_values), np.log(LIMITS_AT), LIMITS))
 
 
-def _design(place: Floats, steps: list[int], has_line: bool) -> Floats:
-    index = np.arange(len(place))
+def _design(place: Floats, steps: list[int], degree: int) -> Floats:
+    """Return the columns: level, steps, line, and a bend that leaves the line's slope what it is on the whole."""
+    index, centred = np.arange(len(place)), place - place.mean()
     columns = [np.ones(len(place)), *(np.where(index >= at, 1.0, 0.0) for at in steps)]
-    if has_line:
-        columns.append(place - place.mean())
+    if degree > 0:
+        columns.append(centred)
+    if degree > 1:
+        bend = np.square(centred / np.abs(centred).max())
+        columns.append(bend - bend.mean() - centred * (bend @ centred) / (centred @ centred))
     return np.stack(columns, axis=1)
 
 

@@ -11,7 +11,7 @@ from bench.analysis.arrays import Floats, Floats32, Indices, Ints
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, gather_positions
 from bench.analysis.sorting.phase_template import PhaseTemplate
 
-__all__ = ["FollowedFrames", "follow_frames"]
+__all__ = ["FollowedFrames", "follow_frames", "measure_movement"]
 
 SIGMAS_SEEN, SIGMAS_HIDDEN = 7.0, 5.5
 """Gates. A marker seen in the frame before is seen again with odds of 100 to 1, so only a far point is not its own; one
@@ -89,6 +89,14 @@ def follow_frames(frames: PointFrames, rows: Ints, template: PhaseTemplate) -> F
         found.rival,
     )
     return found
+
+
+def measure_movement(template: PhaseTemplate, newer: PhaseTemplate) -> float:
+    """Return by how much the marker that moved most has moved along the path (root mean square), in gates."""
+    square = np.square(newer.position_m - template.position_m).sum(axis=2)
+    known = np.isfinite(square)
+    mean = np.where(known, square, 0.0).sum(axis=0) / np.maximum(known.sum(axis=0), 1)
+    return float((np.sqrt(mean) / _gates(template)[:, -1]).max())
 
 
 def _gates(template: PhaseTemplate) -> Floats:

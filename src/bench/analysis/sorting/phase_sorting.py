@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from bench.analysis.arrays import Bools, Ints
 from bench.analysis.sorting.chain import sort_by_chain
 from bench.analysis.sorting.gates import SortSettings
 from bench.analysis.sorting.markers import MarkerReason, PointFrames, SortedMarkers
-from bench.analysis.sorting.phase_following import FollowedFrames, follow_frames
+from bench.analysis.sorting.phase_following import FollowedFrames, follow_frames, measure_movement
 from bench.analysis.sorting.phase_learning import (
     FEWEST_CYCLES,
     LEARNT_CYCLES,
@@ -18,12 +18,17 @@ from bench.analysis.sorting.phase_learning import (
     learn_cycle,
     rows_in_cycles,
 )
-from bench.analysis.sorting.phase_template import PhaseTemplate, lay_over_cycles, refresh_template
+from bench.analysis.sorting.phase_template import FEWEST_SHOWING, PhaseTemplate, lay_over_cycles, refresh_template
 
 __all__ = ["sort_by_phase", "sort_by_template"]
 
 BLOCK_CYCLES = 25
-"""After so many the template is refreshed: a cable that settles by 100 mm in 1000 cycles has moved by 2.5 mm then."""
+"""After so many, at the latest, the template is refreshed: a cable that settles by 100 mm in 1000 cycles has moved by
+2.5 mm then."""
+MOVED_SHARE = 0.5
+"""Of a marker's gate, by which its places in a block's last cycles are off the template (root mean square along the
+path): then the block is halved, or the marker leaves its gate. Chance moves none of the made motions by more than a
+third in 25 cycles. With less a cable that strays is sorted worse, for medians of few cycles stray more."""
 LOST_SHARE = 0.5
 """A frame in which less than this part of what is in sight is found is left to the chain search."""
 CHANGED_SHARE = 0.3
@@ -40,10 +45,10 @@ def sort_by_phase(frames: PointFrames, settings: SortSettings) -> SortedMarkers:
 
     The chain search sorts up to ten cycles; the median of each marker over them, for each place of the path, is the
     template. In every frame each marker gets the point that is nearest to where the template and its own straying in
-    the frames before put it, within gates that the scatter of the learnt cycles sets. Every 25 cycles the template
-    follows what the cable has become since. Where most frames of five cycles fit it no longer, as after a slip in a
-    clamp, it is learnt anew from these. Frames in which it finds too little, and those outside cycles, are sorted by
-    the chain search.
+    the frames before put it, within gates that the scatter of the learnt cycles sets. Every 25 cycles, and more often
+    where the cable moves far in so many, the template follows what it has become since. Where most frames of five
+    cycles fit it no longer, as after a slip in a clamp, it is learnt anew from these. Frames in which it finds too
+    little, and those outside cycles, are sorted by the chain search.
 
     Without five whole cycles each frame is sorted by itself, and a note says so.
     """
@@ -71,6 +76,24 @@ def _describe(template: PhaseTemplate) -> str:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Some cycles that follow each other, sorted."""
+
+    rows: Ints
+    """(F,): their frames."""
+    followed: FollowedFrames
+    bounds: Ints
+    """(C + 1,): where each cycle begins and the last one ends, in `rows`."""
+    lost: Bools
+    """(C,): the cycles in many frames of which little is found."""
+
+    @property
+    def is_lost(self) -> bool:
+        """Whether there are enough of them to learn the cycle anew."""
+        return int(self.lost.sum()) >= FEWEST_CYCLES
+
+
 class _TemplateSorting:
     """What is being written of F frames, first by the template, then by the chain search."""
 
@@ -86,31 +109,52 @@ class _TemplateSorting:
         self._enough = LOST_SHARE * np.minimum(count_usable(frames), settings.n_markers)
 
     def sort_cycles(self, template: PhaseTemplate) -> None:
-        """Sort the frames inside cycles, block by block."""
+        """Sort the frames inside cycles, block by block; a block in which the cable moves far is halved."""
         cycle = self._cycle[self._inside]
-        begin = np.flatnonzero(np.diff(cycle, prepend=cycle[:1] - 1))
-        for rows in np.split(self._inside, begin[BLOCK_CYCLES::BLOCK_CYCLES]):
-            if len(rows):
-                template = self._sort_block(rows, template)
+        bounds = np.append(np.flatnonzero(np.diff(cycle, prepend=cycle[:1] - 1)), len(cycle))
+        first, n_cycles, n_all = 0, BLOCK_CYCLES, len(bounds) - 1
+        while first < n_all:
+            stop = min(first + n_cycles, n_all)
+            block = self._follow_block(self._inside[bounds[first] : bounds[stop]], template)
+            newer = self._refresh(block, min(LEARNT_CYCLES, max(n_cycles // 2, FEWEST_SHOWING)), template)
+            moved = measure_movement(template, newer)
+            half = (stop - first) // 2
+            if moved > MOVED_SHARE and half >= FEWEST_SHOWING:
+                n_cycles = half
+                continue
+            template, first = self._learn_anew(block) or newer, stop
+            n_cycles = min(2 * n_cycles, BLOCK_CYCLES) if 2 * moved <= MOVED_SHARE else n_cycles
 
-    def _sort_block(self, rows: Ints, template: PhaseTemplate) -> PhaseTemplate:
-        """Sort the frames of some cycles and return the template for the next ones."""
-        followed = self._follow(rows, template)
-        cycle = self._cycle[rows]
-        begin = np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))
-        lost = np.add.reduceat(self._is_lost(rows), begin) > CHANGED_SHARE * np.diff(np.append(begin, len(rows)))
-        if lost.sum() >= FEWEST_CYCLES:
-            beyond = rows[np.repeat(lost, np.diff(np.append(begin, len(rows))))]
-            newer = learn_cycle(self._frames.take(beyond), self._settings)
-            if newer is not None:
-                since = cycle[begin[lost][0]]
-                self.warnings.append(
-                    f"The cable came back to other places than before: the sorting was learnt anew at cycle {since}."
-                )
-                self._follow(beyond, newer)
-                return newer
-        latest = slice(int(begin[-LEARNT_CYCLES:][0]), None)
-        return _refresh(self._frames.take(rows[latest]), followed.take(latest), template)
+    def _follow_block(self, rows: Ints, template: PhaseTemplate) -> _Block:
+        """Sort the frames of some cycles."""
+        followed, cycle = self._follow(rows, template), self._cycle[rows]
+        bounds = np.append(np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1)), len(rows))
+        lost = np.add.reduceat(self._is_lost(rows), bounds[:-1]) > CHANGED_SHARE * np.diff(bounds)
+        return _Block(rows, followed, bounds, lost)
+
+    def _refresh(self, block: _Block, n_newest: int, template: PhaseTemplate) -> PhaseTemplate:
+        """Return the template as the last cycles have it, of those before the cable was lost if it was."""
+        stop = int(block.lost.argmax()) if block.is_lost else len(block.lost)
+        if not stop:
+            return template
+        latest = slice(int(block.bounds[max(stop - n_newest, 0)]), int(block.bounds[stop]))
+        frames = self._frames.take(block.rows[latest])
+        cycle, phase = np.asarray(frames.cycle), np.asarray(frames.phase)
+        cycles = cycle[np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))].tolist()
+        sure_m = block.followed.take(latest).sure_positions(frames)
+        return refresh_template(template, lay_over_cycles(sure_m, cycle, phase, cycles, len(template.position_m) - 1))
+
+    def _learn_anew(self, block: _Block) -> PhaseTemplate | None:
+        """Learn the cycle from those cycles in which the cable is lost, and sort them by that; None where few are."""
+        beyond = block.rows[np.repeat(block.lost, np.diff(block.bounds))]
+        newer = learn_cycle(self._frames.take(beyond), self._settings) if block.is_lost else None
+        if newer is not None:
+            self.warnings.append(
+                "The cable came back to other places than before: the sorting was learnt anew at cycle "
+                f"{self._cycle[beyond[0]]}."
+            )
+            self._follow(beyond, newer)
+        return newer
 
     def _follow(self, rows: Ints, template: PhaseTemplate) -> FollowedFrames:
         followed = follow_frames(self._frames, rows, template)
@@ -161,10 +205,3 @@ class _TemplateSorting:
                 "moment of the cycle: these frames are sorted each by itself where that finds more."
             )
         return notes
-
-
-def _refresh(frames: PointFrames, followed: FollowedFrames, template: PhaseTemplate) -> PhaseTemplate:
-    cycle, phase = np.asarray(frames.cycle), np.asarray(frames.phase)
-    cycles = cycle[np.flatnonzero(np.diff(cycle, prepend=cycle[0] - 1))]
-    laid = lay_over_cycles(followed.sure_positions(frames), cycle, phase, cycles.tolist(), len(template.position_m) - 1)
-    return refresh_template(template, laid)

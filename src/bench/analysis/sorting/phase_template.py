@@ -10,9 +10,9 @@ import scipy
 
 from bench.analysis.arrays import Floats, Floats32, Ints
 
-__all__ = ["PhaseTemplate", "lay_over_cycles", "learn_template", "refresh_template"]
+__all__ = ["FEWEST_SHOWING", "PhaseTemplate", "lay_over_cycles", "learn_template", "refresh_template"]
 
-FEWEST_CYCLES = 3
+FEWEST_SHOWING = 3
 """That show a marker at a place of the path: of fewer, one wrong label moves the median."""
 HALF_WAY = 0.45
 """Of the distance to the next marker."""
@@ -202,7 +202,7 @@ def _plain_median(laid_m: Floats) -> Floats:
     n_known = np.isfinite(laid_m[..., :1]).sum(axis=0)
     below, above = (n_known - 1) // 2, n_known // 2
     middle = [np.take_along_axis(ordered, np.maximum(index, 0)[None], axis=0)[0] for index in (below, above)]
-    return np.asarray(np.where(n_known >= FEWEST_CYCLES, (middle[0] + middle[1]) / 2, np.nan))
+    return np.asarray(np.where(n_known >= FEWEST_SHOWING, (middle[0] + middle[1]) / 2, np.nan))
 
 
 def _without_leaps(usual_m: Floats, reach_m: Floats) -> Floats:
