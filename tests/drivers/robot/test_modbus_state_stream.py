@@ -178,6 +178,17 @@ def test_a_controller_whose_heartbeat_stands_still_is_lost_or_reported(on_loss: 
         wait_until(lambda: seen.restored == (on_loss == "lost"), "restored")
 
 
+def test_a_controller_that_answers_nothing_is_not_said_to_have_lost_its_heartbeat() -> None:
+    beat = ("max_age_s = 2.0", 'max_age_s = 0.2, on_loss = "lost"')
+    with rig(beat) as bench, bench.streaming(reconnect_s=20.0, silence_s=5.0):
+        wait_until(lambda: bench.seen.states, "a state")
+        bench.controller.server.exception_code = 6
+        wait_until(lambda: bench.seen.lost, "a lost link")
+    assert "gave no state for 0.2 s" in str(bench.seen.lost[0])
+    assert "exception 6, device busy" in str(bench.seen.lost[0])
+    assert not any("heartbeat" in text for text in bench.seen.texts)
+
+
 def test_without_our_heartbeat_the_controller_does_what_it_promised() -> None:
     with rig(("period_s = 0.5", "period_s = 0.1"), cycle_s=60.0) as bench:
         with bench.streaming() as stream, bench.commanding() as program:
