@@ -35,7 +35,7 @@ N_POINTS = 10
 N_PEER_MESSAGES = 60_000
 N_TEMPLATES = 1000
 """More than LZ4 looks back over: what is random does not pack, so the reader has all its bytes to move."""
-N_READINGS = 3
+N_READINGS = 5
 MB_PER_S_LIMIT = 1000.0
 MEMORY_LIMIT = 2.0
 """Times the arrays that are kept."""

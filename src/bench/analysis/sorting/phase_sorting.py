@@ -179,9 +179,10 @@ class _TemplateSorting:
         left_out = (differs & (ours < 0) & (chained.reason == MarkerReason.FOUND)).any(axis=1)
         if (contradicts | left_out).mean() > DISAGREES_SHARE:
             self.warnings.append(
-                f"Of {len(rows)} frames, the chain search by itself contradicts the template of the cycle in "
-                f"{contradicts.mean():.0%} and finds markers that it leaves out in {left_out.mean():.0%}: the template "
-                "may have been learnt from wrongly sorted cycles. Compare with [analysis] sorting = 'track'."
+                f"The order of the markers is in doubt. Of {len(rows)} frames that a second method looked at, it finds "
+                f"another order in {contradicts.mean():.0%} and more markers in {left_out.mean():.0%}: what is expected "
+                "at each phase may have been learnt from wrongly sorted cycles. Compare with [analysis] sorting = "
+                "'track'."
             )
         return f"The chain search, asked in {len(rows)} frames, contradicts in {contradicts.mean():.1%} of them."
 
