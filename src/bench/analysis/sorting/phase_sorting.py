@@ -180,9 +180,9 @@ class _TemplateSorting:
         if (contradicts | left_out).mean() > DISAGREES_SHARE:
             self.warnings.append(
                 f"The order of the markers is in doubt. Of {len(rows)} frames that a second method looked at, it finds "
-                f"another order in {contradicts.mean():.0%} and more markers in {left_out.mean():.0%}: what is expected "
-                "at each phase may have been learnt from wrongly sorted cycles. Compare with [analysis] sorting = "
-                "'track'."
+                f"another order in {contradicts.mean():.0%} and more markers in {left_out.mean():.0%}: what is "
+                "expected at each phase may have been learnt from wrongly sorted cycles. Compare with [analysis] "
+                "sorting = 'track'."
             )
         return f"The chain search, asked in {len(rows)} frames, contradicts in {contradicts.mean():.1%} of them."
 
