@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,21 +54,25 @@ def main() -> None:
     )
     full = parser.parse_args().full
     with tempfile.TemporaryDirectory(prefix="bench-benchmark-") as name:
-        folder = Path(name)
-        rows = measure_main_job(folder, n_cycles=1000 if full else 100)
-        rows += [*measure_reading(folder, full), *measure_curvature(), *measure_rods()]
-        rows += measure_simulated_sorting(folder, n_cycles=40)
-        rows += measure_report(folder, full, bench)
-        rows += measure_sorting()
-        rows += measure_take_import(folder, full, bench)
-        rows += measure_calibration(folder, bench)
-        rows += measure_recording(full)
-        rows += measure_robot_link(full)
-        rows += measure_tracker_link(full)
-        if full:
-            rows += measure_losses()
-            rows += [measure_speed(folder, speed) for speed in SPEEDS]
-    print_table(rows)
+        print_table(measure(Path(name), full))
+
+
+def measure(folder: Path, full: bool) -> Iterator[Row]:
+    yield from measure_main_job(folder, n_cycles=1000 if full else 100)
+    yield from measure_reading(folder, full)
+    yield from measure_curvature()
+    yield from measure_rods()
+    yield from measure_simulated_sorting(folder, n_cycles=40)
+    yield from measure_report(folder, full, bench)
+    yield from measure_sorting()
+    yield from measure_take_import(folder, full, bench)
+    yield from measure_calibration(folder, bench)
+    yield from measure_recording(full)
+    yield from measure_robot_link(full)
+    yield from measure_tracker_link(full)
+    if full:
+        yield from measure_losses()
+        yield from (measure_speed(folder, speed) for speed in SPEEDS)
 
 
 def measure_main_job(folder: Path, n_cycles: int) -> list[Row]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+
+WIDTHS = 92, 22, 34
+"""Of all columns but the last; a longer text takes the room it needs."""
 
 
 @dataclass(frozen=True)
@@ -17,9 +21,13 @@ def ratio_row(what: str, ours: float, peer: float, name: str) -> Row:
     return Row(what, f"{ours:,.4g}", f"{peer:,.4g} ({name})", f"{ours / peer:.3g}")
 
 
-def print_table(rows: list[Row]) -> None:
-    header = Row("what", "ours", "peer or limit", "ratio")
-    widths = [max(len(getattr(row, f)) for row in [header, *rows]) for f in ("what", "ours", "peer", "ratio")]
-    for row in [header, *rows]:
-        cells = (row.what, row.ours, row.peer, row.ratio)
-        print("  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True)).rstrip())
+def print_table(rows: Iterable[Row]) -> None:
+    """Print each row as soon as it is measured."""
+    _print_row(Row("what", "ours", "peer or limit", "ratio"))
+    for row in rows:
+        _print_row(row)
+
+
+def _print_row(row: Row) -> None:
+    cells = zip((row.what, row.ours, row.peer), WIDTHS, strict=True)
+    print("  ".join([*(cell.ljust(width) for cell, width in cells), row.ratio]), flush=True)
