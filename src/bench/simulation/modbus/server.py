@@ -110,9 +110,17 @@ class TableServer:
             ready.set()
             await self._stopping.wait()
         finally:
+            await self._accept_no_more()
             await self._server.shutdown()
             await _end_other_tasks()
             await asyncio.sleep(LOOK_S)  # closing a connection takes a turn of the loop
+
+    async def _accept_no_more(self) -> None:
+        """Let a connection that is being accepted become one that is closed: the library would only let go of it."""
+        if self._loop is not None and self._server.transport is not None:
+            for listening in self._server.transport.sockets:
+                self._loop.remove_reader(listening.fileno())
+            await asyncio.sleep(LOOK_S)
 
     def _make_device(self) -> SimDevice:
         blocks = [
