@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import traceback
+from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -34,18 +35,23 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command("run", epilog=show_examples("run"))(run)
-app.command("check", epilog=show_examples("check"))(check)
-app.command("report", epilog=show_examples("report"))(report)
-app.command("info", epilog=show_examples("info"))(info)
-app.command("calibrate", epilog=show_examples("calibrate"))(calibrate)
-app.command("import", epilog=show_examples("import"))(import_)
-app.command("export", epilog=show_examples("export"))(export)
-app.command("salvage", epilog=show_examples("salvage"))(salvage)
-app.command("accuracy", epilog=show_examples("accuracy"))(accuracy)
-app.command("compare", epilog=show_examples("compare"))(compare)
-app.command("live", epilog=show_examples("live"))(live)
-app.command("simulate", epilog=show_examples("simulate"))(simulate)
+COMMANDS: dict[str, Callable[..., None]] = {
+    "run": run,
+    "check": check,
+    "report": report,
+    "info": info,
+    "calibrate": calibrate,
+    "import": import_,
+    "export": export,
+    "salvage": salvage,
+    "accuracy": accuracy,
+    "compare": compare,
+    "live": live,
+    "simulate": simulate,
+}
+"""In the order of the help."""
+for name, command in COMMANDS.items():
+    app.command(name, epilog=show_examples(name))(command)
 app.add_typer(config_app, name="config")
 
 

@@ -65,10 +65,10 @@ def report(
 
 def _is_reported_with_another(run: Path, runs: Sequence[Path]) -> bool:
     """Tell, also on the screen, that a file is a later part of a run whose first part is among `runs`."""
-    from bench.recording import find_first, open_run
+    from bench.recording import active_path, find_first, open_run
 
     first = find_first(run)
-    given = [one for one in runs if first is not None and one in (first, first.with_name(f"{first.name}.active"))]
+    given = [one for one in runs if first is not None and one in (first, active_path(first))]
     try:
         if not given or open_run(run).part_number == 1:
             return False

@@ -9,6 +9,7 @@ from bench.config.calibration import (
     TimeCalibration,
 )
 from bench.config.load import (
+    RECORDING_START,
     config_schema,
     load_calibration,
     load_config,
@@ -60,6 +61,7 @@ from bench.config.tracker import AnyTrackerConfig, QualisysConfig, TrackerConfig
 
 __all__ = [
     "LARGEST_PROGRAM",
+    "RECORDING_START",
     "Acknowledge",
     "AnalysisConfig",
     "AnchorConfig",

@@ -19,6 +19,7 @@ from bench.config.syntax import describe_syntax_fault
 from bench.errors import ConfigError
 
 __all__ = [
+    "RECORDING_START",
     "config_schema",
     "load_calibration",
     "load_config",
@@ -31,6 +32,7 @@ __all__ = [
 SELF_EXPLAINING = ("value_error", "unknown_kind")
 """Faults whose sentence is our own: the key's description would say it again."""
 RECORDING_START = b"\x89MCAP"
+"""How an MCAP file begins: given in place of a configuration or a take, it is told apart by that."""
 Place = tuple[str | int, ...]
 Model = TypeVar("Model", Config, Calibration)
 

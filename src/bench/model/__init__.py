@@ -2,6 +2,7 @@
 
 from bench.model.checks import CheckItem
 from bench.model.enums import (
+    SAFETY_TEXTS,
     ClockSource,
     CycleEventKind,
     ExitStatus,
@@ -36,6 +37,7 @@ __all__ = [
     "NAN6",
     "NO_BITS",
     "NO_ID",
+    "SAFETY_TEXTS",
     "UNLABELED",
     "CheckItem",
     "ClockSample",

@@ -4,7 +4,30 @@ from __future__ import annotations
 
 from enum import IntEnum, StrEnum
 
-__all__ = ["ClockSource", "CycleEventKind", "ExitStatus", "Outcome", "RunState", "Severity", "StampKind", "Verdict"]
+__all__ = [
+    "SAFETY_TEXTS",
+    "ClockSource",
+    "CycleEventKind",
+    "ExitStatus",
+    "Outcome",
+    "RunState",
+    "Severity",
+    "StampKind",
+    "Verdict",
+]
+
+SAFETY_TEXTS = {
+    1: "normal",
+    2: "reduced",
+    3: "protective stop",
+    4: "recovery",
+    5: "safeguard stop",
+    6: "system emergency stop",
+    7: "robot emergency stop",
+    8: "violation",
+    9: "fault",
+}
+"""UR safety status (UR RTDE guide)."""
 
 
 class StampKind(IntEnum):

@@ -1,6 +1,6 @@
 """The run file: written while the test runs, read as numpy columns afterwards."""
 
-from bench.recording.files.output import rename_new
+from bench.recording.files.output import active_path, final_path, rename_new
 from bench.recording.files.part_names import find_first
 from bench.recording.messages.cdr import encode
 from bench.recording.messages.pointcloud import encode_cloud, split_stamp
@@ -43,8 +43,10 @@ __all__ = [
     "RunStatus",
     "RunWriter",
     "Salvaged",
+    "active_path",
     "encode",
     "encode_cloud",
+    "final_path",
     "find_first",
     "load_schema",
     "open_run",

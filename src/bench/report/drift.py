@@ -22,7 +22,7 @@ from bench.analysis import (
 from bench.model import Verdict
 from bench.report.cycles import PlacedFrames
 from bench.report.results import CycleColumns, Drift, DriftChange, DriftColumns, DriftTrend
-from bench.report.trace import TracedCable
+from bench.report.trace import TracedCable, find_nodes
 
 __all__ = ["find_drift", "measure_step"]
 
@@ -133,7 +133,7 @@ def _doubt_beside_ends(cycles: CycleColumns, traced: TracedCable) -> float:
     From the end to the next marker a curve follows the cable the less the shorter the bend is. A cable that gets softer
     bends tighter there while the curve falls: so what the method errs by does not cancel, and its whole band counts.
     """
-    nodes = np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
+    nodes = find_nodes(traced)
     place = cycles.max_curvature_arc_length_m
     beside = (place < nodes[1]) | (place > nodes[-2])
     if not beside.sum() > MOST_CYCLES * np.isfinite(place).sum():

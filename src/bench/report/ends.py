@@ -24,7 +24,7 @@ from bench.recording import Run
 from bench.report.markers import ChainStart, TrackedBodies, make_sort_settings, turn_matrices
 from bench.report.results import EndColumns
 from bench.report.robot_in_lab import RobotInLab
-from bench.report.trace import TracedCable
+from bench.report.trace import TracedCable, find_nodes
 
 __all__ = ["AT_THE_TCP", "END_BEND", "CableEnds", "find_cable_ends", "find_up_axis", "verify_end", "warn_of_end_bend"]
 
@@ -171,7 +171,7 @@ def warn_of_end_bend(ends: CableEnds, traced: TracedCable, bend_map_per_m: Float
     if not largest.any() or "elastica" in traced.curve.method:
         return []
     bend_m = float(traced.arc_length_m[largest.argmax()])
-    nodes = np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
+    nodes = find_nodes(traced)
     for holder, end, (last_m, next_m) in (("anchor", ends.anchor, nodes[:2]), ("end", ends.end, nodes[:-3:-1])):
         known = end is not None and bool(np.isfinite(end.tangent).any())
         beside = np.abs(traced.arc_length_m - last_m) < abs(next_m - last_m)

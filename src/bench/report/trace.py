@@ -25,7 +25,7 @@ from bench.analysis import (
 from bench.config import Config
 from bench.report.markers import make_sort_settings
 
-__all__ = ["TracedCable", "trace_cable"]
+__all__ = ["TracedCable", "find_nodes", "trace_cable"]
 
 Bools = npt.NDArray[np.bool_]
 Floats = npt.NDArray[np.float64]
@@ -51,6 +51,11 @@ class TracedCable:
     """(G,)"""
     marker_arc_length_m: Floats
     """(k,)"""
+
+
+def find_nodes(traced: TracedCable) -> Floats:
+    """Return the arc lengths of the curve's ends and of the markers between them, from the anchor on."""
+    return np.unique(np.concatenate([traced.arc_length_m[[0, -1]], traced.marker_arc_length_m]))
 
 
 def trace_cable(

@@ -6,25 +6,13 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from bench.errors import BenchError, CycleSequenceError, DeviceStateError
-from bench.model import CycleEvent, CycleEventKind, Record, RobotState
+from bench.model import SAFETY_TEXTS, CycleEvent, CycleEventKind, Record, RobotState
 from bench.run.inbox import CycleCompleted, CycleStarted, Event, Fault
 
 __all__ = ["PLAYING", "CycleWatcher", "safety_text"]
 
 PLAYING = 2
 """UR runtime state (UR RTDE guide)."""
-SAFETY_TEXTS = {
-    1: "normal",
-    2: "reduced",
-    3: "protective stop",
-    4: "recovery",
-    5: "safeguard stop",
-    6: "system emergency stop",
-    7: "robot emergency stop",
-    8: "violation",
-    9: "fault",
-}
-"""UR safety status (UR RTDE guide)."""
 
 
 def safety_text(status: int) -> str:

@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from bench.model import StateChange
-from bench.recording import find_first
+from bench.recording import final_path, find_first
 
 __all__ = ["Journal", "is_held", "journal_path", "read_completed"]
 
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 def journal_path(run_file: Path) -> Path:
     """Return the journal of a run file: ``x.mcap.journal`` of ``x.mcap`` and of ``x.mcap.active``."""
-    return run_file.with_name(run_file.name.removesuffix(".active") + ".journal")
+    return run_file.with_name(f"{final_path(run_file).name}.journal")
 
 
 class Journal:

@@ -10,7 +10,7 @@ from pathlib import Path
 from bench.config import Config, ProgramFile, to_toml
 from bench.errors import ConfigError
 from bench.model import CheckItem, ExitStatus, LogEntry, Record, RunState, Severity, StateChange
-from bench.recording import RunWriter
+from bench.recording import RunWriter, active_path
 from bench.run.about import attach_calibration, attach_program, describe_cycle_source, describe_origin, find_versions
 from bench.run.bench_links import BenchLinks, require_devices
 from bench.run.closing import Closing
@@ -166,7 +166,7 @@ class _Session:
             self._finish_file()
         except BaseException:
             self._journal.close(remove=False)
-            active = self._path.with_name(f"{self._path.name}.active")
+            active = active_path(self._path)
             self._say_how_to_go_on(active if active.exists() else self._path)  # it may have gone on in another part
             raise
         self._journal.close(remove=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.config import RECORDING_START
 from bench.drivers.takes.c3d import is_c3d, read_c3d
 from bench.drivers.takes.motive_csv import read_motive
 from bench.drivers.takes.parquet import is_parquet, read_parquet
@@ -15,7 +16,6 @@ from bench.drivers.takes.trc import FILE_TYPE, read_trc
 __all__ = ["read_take"]
 
 SNIFF_BYTES = 1024
-MCAP_MAGIC = b"\x89MCAP0\r\n"
 SEPARATORS = {";": "semicolons", "\t": "tabs"}
 KNOWN = (
     "Readable are CSV exports of Motive (1.2 to 1.25) and of Tracking Tools (1.0, 1.1), C3D, TRC and bench's Parquet."
@@ -54,7 +54,7 @@ def read_take(path: Path, progress: Progress | None = None) -> Take:
         return read_c3d(path)
     if is_parquet(start):
         return read_parquet(path, progress)
-    if start.startswith(MCAP_MAGIC):
+    if start.startswith(RECORDING_START):
         raise unreadable(path.name, "it is a recording already, an MCAP file", "`bench report` takes it as it is.")
     file = TextFile.of(path)
     line = next((line for _, line in file.lines() if line.strip(" ,")), "") if _is_text(start) else ""

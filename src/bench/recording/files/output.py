@@ -10,7 +10,7 @@ from pathlib import Path
 
 from bench.errors import BenchError, DiskFullError, RecordingError, RecordingExistsError
 
-__all__ = ["OutputFile", "active_path", "explain_os_error", "explained", "rename_new", "verify_absent"]
+__all__ = ["OutputFile", "active_path", "explain_os_error", "explained", "final_path", "rename_new", "verify_absent"]
 
 _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -18,6 +18,11 @@ _FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 def active_path(path: Path) -> Path:
     """Return the name of a recording while it is being written."""
     return path.with_name(path.name + ".active")
+
+
+def final_path(path: Path) -> Path:
+    """Return the name of a recording when it is finished, of either of its names."""
+    return path.with_name(path.name.removesuffix(".active"))
 
 
 def explain_os_error(error: OSError, path: Path) -> BenchError:

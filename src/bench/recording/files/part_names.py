@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.recording.files.output import active_path
+from bench.recording.files.output import active_path, final_path
 
 __all__ = ["CONTINUES", "FIRST_NUMBER", "PART", "find_first", "list_parts", "part_path", "read_number"]
 
@@ -26,7 +26,7 @@ def part_path(first: Path, number: int) -> Path:
 
 def find_first(path: Path) -> Path | None:
     """Return the name of the first part if `path` is called like a later one, ``x.3.mcap`` or ``x.3.mcap.active``."""
-    name = re.fullmatch(rf"(.+)\.{_NUMBER}(\.[^.]+)", path.name.removesuffix(".active"))
+    name = re.fullmatch(rf"(.+)\.{_NUMBER}(\.[^.]+)", final_path(path).name)
     return path.with_name(name[1] + name[3]) if name else None
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from bench.errors import RecordingError
 from bench.recording.container.contents import Container, DamagedError
 from bench.recording.container.scanning import scan_container
+from bench.recording.files.output import final_path
 from bench.recording.files.part_names import CONTINUES, PART, list_parts, part_path, read_number
 from bench.recording.files.run_files import opened
 from bench.recording.reading.status import SALVAGE, count_by_topic
@@ -56,8 +57,7 @@ class FoundParts:
     @classmethod
     def alone(cls, path: Path, container: Container) -> FoundParts:
         """Return a file without looking for others."""
-        first = path.with_name(path.name.removesuffix(".active"))
-        return cls(first, [FoundPart(read_number(container.metadata), path, container)], {})
+        return cls(final_path(path), [FoundPart(read_number(container.metadata), path, container)], {})
 
     @property
     def paths(self) -> list[Path]:

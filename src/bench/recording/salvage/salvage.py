@@ -13,6 +13,7 @@ from __future__ import annotations
 import os
 import struct
 import zlib
+from collections import Counter
 from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import BytesIO
@@ -29,11 +30,11 @@ from bench.recording.container.contents import HEAD, INDEX_HEAD, MAGIC, Chunk, D
 from bench.recording.container.ending import Ending, encode_records
 from bench.recording.container.notes import read_note
 from bench.recording.container.scanning import scan_container
-from bench.recording.files.output import OutputFile, explained, rename_new
+from bench.recording.files.output import OutputFile, explained, final_path, rename_new
 from bench.recording.files.part_names import CONTINUES, FIRST_NUMBER, PART, read_number
 from bench.recording.files.run_files import RunFiles, opened
 from bench.recording.reading.joining import FoundParts, find_parts
-from bench.recording.reading.status import LAST_SECOND, SALVAGE
+from bench.recording.reading.status import LAST_SECOND, SALVAGE, count_by_topic
 from bench.recording.salvage.examining import Examined, define_topics, examine
 
 __all__ = ["Salvaged", "salvage_copy", "salvage_in_place"]
@@ -68,12 +69,9 @@ class _Run:
     """What cannot be kept, in words."""
 
     def summarise(self, path: Path) -> Salvaged:
-        topics: dict[str, int] = {}
+        topics: Counter[str] = Counter()
         for one in self.files:
-            for chunk in one.chunks:
-                for key, n in chunk.counts.items():
-                    topic = one.container.channels[key].topic
-                    topics[topic] = topics.get(topic, 0) + n
+            topics.update(count_by_topic(replace(one.container, chunks=one.chunks)))
         was_complete = not self.lost and all(one.was_complete for one in self.files)
         return Salvaged(path, topics, tuple(self.lost), all(one.is_closed for one in self.files), was_complete)
 
@@ -126,11 +124,11 @@ def salvage_in_place(path: Path) -> Salvaged:
     for one in run.files:
         if not one.was_complete:
             _finish(one)
-        target = _final_name(one.path)
+        target = final_path(one.path)
         if target != one.path:
             with explained(target):
                 rename_new(one.path, target)
-    return run.summarise(_final_name(path))
+    return run.summarise(final_path(path))
 
 
 def _examine_run(path: Path) -> _Run:
@@ -162,12 +160,8 @@ def _find(path: Path) -> FoundParts:
     return FoundParts.alone(path, container)
 
 
-def _final_name(path: Path) -> Path:
-    return path.with_name(path.name.removesuffix(".active"))
-
-
 def _verify_name_free(path: Path) -> None:
-    target = _final_name(path)
+    target = final_path(path)
     if target != path and os.path.lexists(target):
         raise RecordingExistsError(f"{target} exists already and is not overwritten.", hint="Salvage to an --output.")
 

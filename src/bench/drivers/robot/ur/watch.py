@@ -9,7 +9,7 @@ from bench.config import RobotConfig
 from bench.drivers.base import ShownSignal
 from bench.drivers.robot.ur.state import UrStateStream
 from bench.errors import LinkLostError
-from bench.model import Record, RobotState
+from bench.model import SAFETY_TEXTS, Record, RobotState
 from bench.timing import Clock
 
 __all__ = ["UrSignalWatch"]
@@ -30,19 +30,7 @@ ROBOT_MODES = (
     "updating firmware",
 )
 """UR robot modes (UR RTDE guide)."""
-SAFETY_STATUSES = (
-    "not told",
-    "normal",
-    "reduced",
-    "protective stop",
-    "recovery",
-    "safeguard stop",
-    "system emergency stop",
-    "robot emergency stop",
-    "violation",
-    "fault",
-)
-"""UR safety statuses (UR RTDE guide)."""
+SAFETY_STATUSES = ("not told", *SAFETY_TEXTS.values())
 
 
 class UrSignalWatch:
